@@ -25,7 +25,7 @@ ROOT = Path(__file__).parents[1]
 #: As in test_architecture: a package imports only those before it.
 PACKAGES = (
     "geometry", "kinematics", "fitting", "cameras", "messages", "descriptions", "modeling",
-    "simulation", "recording", "plotting", "rendering", "formats", "live", "ros", "viewer",
+    "formats", "simulation", "recording", "plotting", "rendering", "live", "ros", "viewer",
     "teleoperation", "scripts", "tasks", "robot", "cli",
 )  # fmt: skip
 #: Tests of the whole repository that take a second.

@@ -27,11 +27,11 @@ PACKAGES = [
     "messages",
     "descriptions",
     "modeling",
+    "formats",
     "simulation",
     "recording",
     "plotting",
     "rendering",
-    "formats",
     "live",
     "ros",
     "viewer",
@@ -88,8 +88,8 @@ HOMES = {
     # Draws the solids in tools/cad.
     "build123d": (),
     "OCP": (),
-    "trimesh": ("formats/importers", "viewer"),
-    "coacd": ("formats/importers",),
+    "trimesh": ("formats/meshes", "viewer"),
+    "coacd": ("formats/meshes",),
     # Judges of the exports.
     "drake": (),
     "pydrake": ("robot/verification",),

@@ -11,7 +11,7 @@ from trocar.cameras import read_calibration
 from trocar.cli import main
 from trocar.descriptions import load_arm
 from trocar.errors import InputError
-from trocar.formats.importers import import_file
+from trocar.formats.importing import import_file
 from trocar.robot.dvrk_config import import_dvrk
 from trocar.robot.identification.logs import read_motion
 from trocar.robot.logs import recorded_joints

@@ -22,8 +22,8 @@ from trocar.descriptions.catalogue import load_scene
 from trocar.descriptions.fixtures import read_fixtures
 from trocar.descriptions.overlay import Overlay, read_overlay, write_overlay
 from trocar.errors import TrocarError
-from trocar.formats.importers import import_file
-from trocar.formats.importers.meshes import load_surface
+from trocar.formats.importing import import_file
+from trocar.formats.meshes import load_surface
 from trocar.recording import open_recording, record
 from trocar.robot.calibration import read_tracks
 from trocar.robot.calibration.camera_views import read_views

@@ -4,20 +4,45 @@ from __future__ import annotations
 
 import pytest
 
-from trocar.formats.exports import FORMATS
-from trocar.formats.exports.task import ExportTask, Format
+from tests.formats.dropped import drop_in
+from trocar.cli import main
+
+PLAIN = '''
+"""A text."""
+
+from trocar.formats.folder import ExportTask
+from trocar.formats.format import Format
+
+FILES = {files!r}
+
+
+def write_plain(task: ExportTask, *, scope: str = "no", level: str = "1") -> tuple[str, ...]:
+    for name in FILES:
+        (task.folder / name).parent.mkdir(exist_ok=True)
+        (task.folder / name).write_text(f"{{scope}} scope, level {{level}}\\n", encoding="utf-8")
+    return ("straight lines",)
+
+
+FORMAT = Format(
+    title="Plain",
+    order=90,
+    options="""
+        --scope NAME     plain: a name
+        --level N = 1    plain: a number
+    """,
+    write=write_plain,
+)
+'''
 
 
 @pytest.fixture(autouse=True)
-def plain(monkeypatch: pytest.MonkeyPatch) -> None:
+def plain(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory) -> None:
     pytest.importorskip("lxml", reason="exports need the extra 'export'")
-
-    def write(task: ExportTask) -> tuple[str, ...]:
-        text = f"{task.options.package or 'no'} package, SDF {task.options.sdf_version}\n"
-        (task.folder / "model.txt").write_text(text, encoding="utf-8")
-        return ("straight lines",)
-
-    monkeypatch.setitem(FORMATS, "plain", Format("Plain", write, ("package", "sdf_version")))
+    folder = tmp_path_factory.mktemp("formats")
+    drop_in(monkeypatch, folder, "plain", PLAIN.format(files=("model.txt",)))
+    meshes = ("parts/a.obj", "parts/b.obj", "parts/colours.mtl", "model.txt")
+    other = PLAIN.format(files=meshes).replace("scope", "area").replace("level", "depth")
+    drop_in(monkeypatch, folder, "wavefront", other)
 
 
 def test_an_export_says_what_it_wrote_and_warns_on_stderr(trocar, tmp_path):
@@ -29,26 +54,19 @@ def test_an_export_says_what_it_wrote_and_warns_on_stderr(trocar, tmp_path):
     assert files == ["  model.txt"]
 
 
-def test_meshes_are_counted_and_not_listed(trocar, tmp_path, monkeypatch):
-    def write(task: ExportTask) -> tuple[str, ...]:
-        for name in ("parts/a.obj", "parts/b.obj", "parts/colours.mtl", "model.txt"):
-            (task.folder / name).parent.mkdir(exist_ok=True)
-            (task.folder / name).write_text("", encoding="utf-8")
-        return ()
-
-    monkeypatch.setitem(FORMATS, "plain", Format("Plain", write))
-    _, *lines = trocar("export", "ecm", "--format", "plain", "-o", tmp_path).out.splitlines()
+def test_meshes_are_counted_and_not_listed(trocar, tmp_path):
+    _, *lines = trocar("export", "ecm", "--format", "wavefront", "-o", tmp_path).out.splitlines()
     assert lines[0] == "  model.txt"
     assert lines[1].startswith("  and 2 meshes, ")
 
 
 def test_json_names_files_counts_and_warnings(trocar, tmp_path):
-    words = ("export", "ecm", "--format", "plain", "-o", tmp_path, "--package", "scope")
-    found = trocar(*words, "--sdf-version", "1.7", "--json").document
+    words = ("export", "ecm", "--format", "plain", "-o", tmp_path, "--scope", "wide")
+    found = trocar(*words, "--level", "7", "--json").document
     assert (found["format"], found["folder"]) == ("plain", str(tmp_path))
     assert found["files"] == ["model.txt"] and found["warnings"] == ["straight lines"]
     assert found["links"] == found["joints"] + 1 and found["triangles"] > 1000
-    assert (tmp_path / "model.txt").read_text(encoding="utf-8") == "scope package, SDF 1.7\n"
+    assert (tmp_path / "model.txt").read_text(encoding="utf-8") == "wide scope, level 7\n"
 
 
 @pytest.mark.parametrize(
@@ -77,3 +95,23 @@ def test_a_folder_in_use_needs_force(trocar, tmp_path):
     assert "is not empty" in trocar(*words).complaint
     assert trocar(*words, "--overwrite").status == 0
     assert sorted(p.name for p in tmp_path.iterdir()) == ["model.txt", "notes"]
+
+
+def test_a_dropped_in_format_is_in_the_help(capsys):
+    with pytest.raises(SystemExit):
+        main(["export", "--help"])
+    text = " ".join(capsys.readouterr().out.split())
+    assert "output format: urdf, sdf, mjcf, plain or wavefront" in text
+    assert "--level N plain: a number (default: 1)" in text
+
+
+def test_the_picture_shows_the_robot(trocar, tmp_path):
+    image = pytest.importorskip("PIL.Image", reason="pictures are read with pillow")
+    found = trocar("export", "ecm", "--format", "mjcf", "-o", tmp_path / "out", "--json").document
+    if found["warnings"]:
+        pytest.skip(found["warnings"][0])
+    with image.open(tmp_path / "out" / "ecm.png") as picture:
+        grey = picture.convert("L")
+        assert picture.size == (800, 600)
+        dark = sum(count for value, count in enumerate(grey.histogram()) if value < 230)
+    assert 0.03 < dark / (800 * 600) < 0.6

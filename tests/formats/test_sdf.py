@@ -17,8 +17,8 @@ from trocar.descriptions.meshes import Mesh
 from trocar.descriptions.records import Shape
 from trocar.errors import UnknownNameError
 from trocar.formats.links import LinkModel, rig_links
-from trocar.formats.markup import element
 from trocar.formats.sdf import VERSIONS, add_shape, card, exact, model_name, sdf, world
+from trocar.formats.xml_tree import element
 from trocar.geometry.rotations import rpy_from_matrix
 
 etree = pytest.importorskip("lxml.etree", reason="lxml is not installed (extra: export)")

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from trocar.descriptions import load_arm, load_rig, names
 from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.descriptions.records import RigDescription
-from trocar.formats.exports import export
+from trocar.formats.export import export
 from trocar.formats.links import LinkModel, rig_links
 from trocar.formats.sdf import joint_name, sdf
 from trocar.kinematics.forward import coordinates, poses
@@ -80,7 +80,7 @@ class Reading:
         ]
 
     def lean(self) -> float:
-        """Return how far the two sides of a loop's hinge turn about different axes [rad]."""
+        """Return the angle between the axes of a loop's hinge on its two sides [rad]."""
         axes = [
             (a.CalcPoseInWorld(self.context), b.CalcPoseInWorld(self.context))
             for a, _, b, _ in self.balls
@@ -106,7 +106,7 @@ def _ball(plant: Any, context: Any, joint: Any) -> tuple[Any, Array, Any, Array]
 
 
 def hinged(model: LinkModel) -> bool:
-    """Tell whether every loop of the file closes by a hinge."""
+    """Return whether every loop of the file closes by a hinge."""
     root = etree.fromstring(sdf(model))
     kinds = {
         root.xpath(f"//joint[@name='{joint_name(loop.name)}']/@type")[0] for loop in model.loops

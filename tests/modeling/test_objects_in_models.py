@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from trocar.descriptions import load_rig
-from trocar.formats.exports import export
+from trocar.formats.export import export
 from trocar.formats.links import rig_links
 from trocar.modeling.build import build
 from trocar.modeling.geoms import OBJECTS, contact_masks

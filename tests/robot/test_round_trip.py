@@ -1,4 +1,4 @@
-"""What trocar exports, trocar imports: the same poses, masses and loops."""
+"""Round trips by export and import: the same poses, masses and loops."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ pytest.importorskip("trimesh", reason="trimesh is not installed (extra convex)")
 
 from trocar.descriptions import load_arm
 from trocar.descriptions.lone_arm import lone_arm_rig
-from trocar.formats import importers
-from trocar.formats.exports import ExportOptions, export
+from trocar.formats.export import export
+from trocar.formats.importing import ImportOptions, import_file
 from trocar.geometry.se3 import inverse
 from trocar.kinematics.forward import poses
 
@@ -30,13 +30,11 @@ PASSIVE = ("MTML_elbow_bar_joint", "MTML_elbow_rod_joint")
 def test_an_exported_arm_comes_back(language: str, name: str, tmp_path: Path, rng) -> None:
     arm = load_arm(name)
     rig = lone_arm_rig(arm)
-    options = ExportOptions(sdf_version="1.11") if language == "sdf" else ExportOptions()
+    options = {"sdf_version": "1.11"} if language == "sdf" else {}
     export(rig, language, tmp_path / "out", options)
     (file,) = (tmp_path / "out").glob(FILES[language].format(name=name))
-    order = (
-        importers.ImportOptions(passive=PASSIVE) if (name, language) == ("mtml", "sdf") else None
-    )
-    found = importers.import_file(file, tmp_path / "back", order)
+    order = ImportOptions(passive=PASSIVE) if (name, language) == ("mtml", "sdf") else None
+    found = import_file(file, tmp_path / "back", order)
     back = load_arm(found.file)
     place = rig.arms[0].name
     assert len(back.joints) == len(arm.joints)

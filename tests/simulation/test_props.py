@@ -13,8 +13,8 @@ import pytest
 from benchmarks.laws import laws
 from trocar.descriptions import load_rig
 from trocar.errors import DescriptionError, InputError, LogError
-from trocar.formats.exports.task import left_out
-from trocar.formats.mesh_files import obj
+from trocar.formats.folder import left_out
+from trocar.formats.meshes import obj
 from trocar.formats.mjcf import POSITION, mjcf_document
 from trocar.recording import record
 from trocar.robot.follow.reproduce import repeat

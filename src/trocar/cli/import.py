@@ -12,6 +12,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from trocar.cli.arguments import add_json, add_overwrite, allow, options
+from trocar.cli.export import either
 from trocar.cli.output import print_json, progress_steps, warn
 
 SUMMARY = "import an arm or a prop from URDF, SDF, MJCF or a mesh"
@@ -20,8 +21,8 @@ ORDER = 170
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    options(parser, """
-        file FILE                 URDF, SDF, MJCF or mesh file
+    options(parser, f"""
+        file FILE                 {either([*_read(), "mesh file"])}
         -o,--output DIR required  output folder
         --as arm|prop as kind     import as arm or as prop (default: arm if it has movable joints)
     """)  # fmt: skip
@@ -46,12 +47,19 @@ def add_arguments(parser: ArgumentParser) -> None:
     """)  # fmt: skip
 
 
+def _read() -> list[str]:
+    from trocar.formats.format import formats
+
+    return [name.upper() for name, one in formats().items() if one.read is not None]
+
+
 def run(args: Namespace) -> int:
     """Read, write, print."""
-    from trocar.formats.importers import FORMATS, ImportOptions, import_file
+    from trocar.formats.importing import ImportOptions, import_file
+    from trocar.formats.meshes import SUFFIXES
 
-    if Path(args.file).suffix.lower() in FORMATS:
-        allow(args, "with URDF, SDF or MJCF", "package_path", "passive")
+    if Path(args.file).suffix.lower() in SUFFIXES:
+        allow(args, f"with {either(_read())}", "package_path", "passive")
     else:
         allow(args, "with a mesh", "unit", "mass", "hull")
     options = ImportOptions(

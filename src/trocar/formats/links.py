@@ -1,21 +1,23 @@
-"""A rig as links and joints: what URDF, SDF and MJCF files are written from.
+"""Links and joints: a rig, as files are written from it, and a model that was read from a file.
 
-Every joint turns about or slides along z through the origin of its child link, and a child link
-stands in its parent as the joint's `pose` says when the coordinate is 0. A frame that the
+In a `LinkModel` every joint turns about or slides along z through the origin of its child link,
+whose pose in the parent is the joint's `pose` where the coordinate is 0. A frame that the
 description puts beyond its hinge (standard DH) becomes a fixed link without mass behind a link
-`..._hinge` that carries the mass, so that every frame of the description is a link of its own name.
+`..._hinge` with the mass, so that every frame of the description is a link of its own name.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions.inertial import merged
+from trocar.descriptions.materials import MATERIALS
+from trocar.descriptions.meshes import Mesh
 from trocar.descriptions.records import (
     ArmDescription,
     Body,
@@ -23,10 +25,11 @@ from trocar.descriptions.records import (
     RigArm,
     RigDescription,
     Shape,
+    ShapeKind,
 )
 from trocar.errors import InputError
-from trocar.geometry.rotations import rotation_z
-from trocar.geometry.se3 import pose_difference, transform
+from trocar.geometry.rotations import matrix_from_rotation_vector, rotation_z
+from trocar.geometry.se3 import pose_difference, transform, translation
 from trocar.kinematics.forward import coordinates
 from trocar.kinematics.loops import loops_are_parallelograms
 from trocar.kinematics.mechanism import Frame, Mechanism, Motion
@@ -37,16 +40,16 @@ Array = NDArray[np.float64]
 
 #: The root of every model: a link without mass.
 WORLD = "world"
-#: A passive coordinate's limits lie this much beyond what the joints make of it. Source: our own
-#: choice, so that rounding stops no loop. [rad or m]
+#: Margin of a passive coordinate's limits beyond the range that the joints give it [rad or m].
+#: Source: our own choice, so that rounding stops no loop.
 SLACK = 1e-3
-#: What a link between two joints takes from the link behind it, as a share of its mass and
-#: inertia: engines reject a moving link without any. Source: our own choice, a micro of the whole.
+#: Ratio of a helper link's mass and inertia to those of the link behind it: engines reject a moving
+#: link without any. Source: our own choice.
 SHARE = 1e-6
-#: Joint vectors that straight lines are fitted to, where a loop is no parallelogram.
+#: Number of joint vectors in the fit of straight lines to a loop that is no parallelogram.
 SAMPLES = 256
-#: A coordinate that moves less than this over a joint's range does not follow the joint [rad or m].
-#: Source: our own choice, far above what closing a loop numerically leaves.
+#: Smallest motion over a joint's range of a coordinate that follows the joint [rad or m].
+#: Source: our own choice, far above the numerical error of a closed loop.
 UNMOVED = 1e-9
 
 
@@ -56,38 +59,40 @@ class Link:
 
     Attributes:
         name: "PSM1_pitch_back"
-        arm, frame: whose it is and which frame of the description moves with it, "" of the world
+        arm, frame: the rig's arm and the frame of its description that moves with the link; "" of
+            the world and of a link that was read
         mass: [kg], 0 of a mere frame
         com: centre of mass in the link, (3,) [m]
-        inertia: about it in the link's axes, (3, 3) [kg m^2]
-        shapes: what it looks like and collides with, in the link's frame
+        inertia: about the centre of mass in the link's axes, (3, 3) [kg m^2]
+        shapes: visible and colliding shapes in the link's frame
     """
 
     name: str
-    arm: str
-    frame: str
-    mass: float
-    com: Array
-    inertia: Array
-    shapes: tuple[Shape, ...]
+    arm: str = ""
+    frame: str = ""
+    mass: float = 0.0
+    com: Array = field(default_factory=lambda: np.zeros(3))
+    inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
+    shapes: tuple[Shape, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
 class LinkJoint:
-    """What joins a link to its parent.
+    """The joint between a link of a rig and its parent.
 
     Attributes:
         name: "PSM1_pitch" where a public joint's motor sits on it, else the child's name
         kind: fixed, revolute (about z) or prismatic (along z)
         parent, child: names of links
         pose: T_parent_child where the coordinate is 0, (4, 4)
-        arm, frame: whose motion it is, "" of a fixed joint
+        arm, frame: arm and frame that the joint moves, "" of a fixed joint
         hinge: its passive properties, None of a fixed joint
-        lower, upper: how far it goes [rad or m]
-        effort, velocity: what its motor can do, of a passive joint those of what it follows
+        lower, upper: limits [rad or m]
+        effort, velocity: limits of its motor, of a passive joint those of its leaders [N m, N,
+            rad/s or m/s]
         offset, follows: coordinate = offset + sum(ratio * coordinate of joint) over ((joint,
-            ratio), ...); empty of a joint that moves on its own
-        in_loop: whether a loop determines it, and not a coupling
+            ratio), ...); empty of an independent joint
+        in_loop: whether a loop determines it, not a coupling
     """
 
     name: str
@@ -109,17 +114,15 @@ class LinkJoint:
 
 @dataclass(frozen=True, eq=False)
 class LinkLoop:
-    """A hinge that closes a loop and turns about link_a's z.
+    """A point that two links share: a loop's closure; of a rig a hinge about link_a's z.
 
     Attributes:
         name: "PSM1_c1"
-        arm: whose it is
-        link_a, point_a: a link and a point in it, (3,) [m]
-        link_b, point_b: where the other side has the same point
+        link_a, point_a: a link and the point in it, (3,) [m]
+        link_b, point_b: the other link and the point in it
     """
 
     name: str
-    arm: str
     link_a: str
     point_a: Array
     link_b: str
@@ -128,11 +131,11 @@ class LinkLoop:
 
 @dataclass(frozen=True)
 class LineError:
-    """How far frames stand from where closed loops have them, at most over the joints' ranges.
+    """Largest errors of frames against the closed loops, over the joints' ranges.
 
     Attributes:
-        frame, worst: the frame that is farthest off, and how far [m]
-        tip, tip_angle: of the arm's tip [m, rad]
+        frame, worst: the frame with the largest error, and that error [m]
+        tip, tip_angle: errors of the arm's tip [m, rad]
     """
 
     frame: str
@@ -143,18 +146,18 @@ class LineError:
 
 @dataclass(frozen=True, eq=False)
 class LinkModel:
-    """A rig in the words of other simulators.
+    """A rig as links and joints.
 
     Attributes:
-        name, title: who it is
+        name, title: those of the rig
         links: parents before children; the first is the world
         joints: one for every other link, in their order
-        loops: what closes
+        loops: closures of the loops
         start: coordinates of the rig's pose "start", {joint: rad or m}, passive ones included
-        zero: those where each joint that moves on its own is at 0 and the loops are closed: 0 too,
-            but for passive ones of a loop that is no parallelogram
-        line_errors: {arm: how far frames stand from where they belong when the loops' coordinates
-            follow straight lines} of arms whose loops are no parallelograms
+        zero: coordinates with every independent joint at 0 and the loops closed: 0 except for
+            passive joints of a loop that is no parallelogram
+        line_errors: {arm: errors of its frames if the loops' coordinates follow straight lines},
+            of arms whose loops are no parallelograms
     """
 
     name: str
@@ -172,12 +175,12 @@ class LinkModel:
 
 
 def link_name(arm: str, frame: str) -> str:
-    """Return what a frame's link is called: "PSM1_pitch_back"."""
+    """Return the name of a frame's link: "PSM1_pitch_back"."""
     return f"{arm}_{frame}"
 
 
 def joint_name(place: RigArm, frame: str) -> str:
-    """Return what the joint is called that moves a frame: "PSM1_yaw", or as its link."""
+    """Return the name of the joint that moves a frame: "PSM1_yaw", else its link's."""
     motors = {joint.drive[0][0]: joint for joint in reversed(place.arm.joints)}
     joint = motors.get(frame)
     own = joint is not None and joint.drive == ((frame, 1.0),)
@@ -185,14 +188,14 @@ def joint_name(place: RigArm, frame: str) -> str:
 
 
 def own_joints(place: RigArm) -> dict[str, str]:
-    """Return the joints of an arm that follow no other, {name: the frame that it moves}."""
+    """Return the independent joints of an arm, {name: the frame that it moves}."""
     motors = {joint.drive[0][0] for joint in place.arm.joints}
     moving = [f.name for f in place.arm.mechanism.frames if f.motion != "fixed"]
     return {joint_name(place, name): name for name in moving if name in motors}
 
 
 def rig_links(rig: RigDescription, friction: str = "identified") -> LinkModel:
-    """Return a rig as links and joints; props that can be moved are none of its links.
+    """Return a rig as links and joints, without its movable props.
 
     Args:
         rig: its description
@@ -201,10 +204,10 @@ def rig_links(rig: RigDescription, friction: str = "identified") -> LinkModel:
     Raises:
         InputError: a moving frame of an arm has no mass
     """
-    links = [Link(WORLD, "", "", 0.0, np.zeros(3), np.zeros((3, 3)), ())]
+    links = [Link(WORLD)]
     joints: list[LinkJoint] = []
     for prop in (prop for prop in rig.props if prop.movable is None):
-        links.append(Link(prop.name, "", "", 0.0, np.zeros(3), np.zeros((3, 3)), prop.shapes))
+        links.append(Link(prop.name, shapes=prop.shapes))
         joints.append(_fixed(prop.name, WORLD, prop.name, prop.pose))
     loops: list[LinkLoop] = []
     start: dict[str, float] = {}
@@ -227,7 +230,7 @@ def rig_links(rig: RigDescription, friction: str = "identified") -> LinkModel:
 
 
 def helper_link(link: Link, name: str) -> Link:
-    """Return a link of almost no mass, to stand between two joints before another."""
+    """Return a link of almost no mass, between two joints in front of `link`."""
     mass, inertia = SHARE * link.mass, SHARE * link.inertia
     return replace(link, name=name, frame="", mass=mass, inertia=inertia, shapes=())
 
@@ -236,7 +239,7 @@ def joint_values(model: LinkModel, own: Mapping[str, Any]) -> dict[str, Any]:
     """Return every joint's coordinate.
 
     Args:
-        own: coordinates of the joints that follow none, (...) each [rad or m]
+        own: coordinates of the independent joints, (...) each [rad or m]
     """
     found = dict(own)
     for joint in model.joints:
@@ -246,7 +249,7 @@ def joint_values(model: LinkModel, own: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def link_poses(model: LinkModel, values: Mapping[str, Any]) -> dict[str, Array]:
-    """Return where links stand in the world, {link: (..., 4, 4)}.
+    """Return the poses of links in the world, {link: T_world_link (..., 4, 4)}.
 
     Args:
         values: coordinates of all joints that move, (...) each [rad or m]
@@ -272,7 +275,7 @@ def _fixed(name: str, parent: str, child: str, pose: Array) -> LinkJoint:
 
 @dataclass(frozen=True, eq=False)
 class _Reading:
-    """One arm while it is read: its massed frames and how coordinates follow joints."""
+    """One arm of a rig: the bodies of its frames, and the lines that its coordinates follow."""
 
     place: RigArm
     friction: str
@@ -313,8 +316,7 @@ class _Reading:
         else:
             joints.append(self._moving(frame, parent, own, pose))
         if own != name:
-            nothing = np.zeros((3, 3))
-            links.append(Link(name, self.place.name, frame.name, 0.0, np.zeros(3), nothing, ()))
+            links.append(Link(name, self.place.name, frame.name))
             joints.append(_fixed(f"{name}_frame", own, name, frame.after))
 
     def _massed(self, frame: Frame) -> str:
@@ -378,12 +380,11 @@ class _Reading:
         return self.joint_name(leader), ratio * weight
 
     def loops(self) -> list[LinkLoop]:
-        """Return what closes in the arm, points in the links that carry the mass."""
+        """Return the closures of the arm, points in the links that carry the mass."""
         name = self.place.name
         return [
             LinkLoop(
                 link_name(name, c.name),
-                name,
                 *self._side(c.frame_a, c.point_a),
                 *self._side(c.frame_b, c.point_b),
             )
@@ -434,7 +435,7 @@ def _lines(arm: ArmDescription) -> tuple[Array, Array, LineError | None]:
 
 
 def line_error(frames: Mapping[str, tuple[Array, Array]], tip: str) -> LineError:
-    """Return how far frames are off.
+    """Return the largest errors of frames.
 
     Args:
         frames: {frame: (true, other) poses (k, 4, 4)}
@@ -447,9 +448,206 @@ def line_error(frames: Mapping[str, tuple[Array, Array]], tip: str) -> LineError
 
 
 def _moves(mechanism: Mechanism) -> NDArray[np.bool_]:
-    """Tell which joints move which frames' coordinates, (joints, frames)."""
+    """Return whether each joint moves each frame's coordinate, (joints, frames)."""
     count = len(mechanism.joints)
     middle = np.tile(0.5 * (mechanism.lower + mechanism.upper), (count + 1, 1))
     ends = middle + np.vstack([np.diag(0.5 * (mechanism.upper - mechanism.lower)), np.zeros(count)])
     at = coordinates(mechanism, ends)
     return np.abs(at[:-1] - at[-1]) > UNMOVED
+
+
+#: {type of a joint in URDF and SDF: kind}
+KINDS: Mapping[str, Motion] = {
+    "fixed": "fixed",
+    "revolute": "revolute",
+    "continuous": "revolute",
+    "prismatic": "prismatic",
+}
+
+
+class ImportFileError(InputError):
+    """A file that cannot be imported.
+
+    Attributes:
+        file: its path
+        line: line of the problem, from 1; None: the whole file
+    """
+
+    def __init__(self, file: str, problem: str, line: int | None = None) -> None:
+        self.file = file
+        self.line = line
+        super().__init__(f"{file}: {problem}" if line is None else f"{file}:{line}: {problem}")
+
+
+@dataclass(frozen=True, eq=False)
+class SourceJoint:
+    """A joint that was read: T_parent_child = pose @ motion(coordinate).
+
+    Attributes:
+        name: as in the file
+        kind: fixed, revolute or prismatic
+        parent, child: names of links
+        pose: T_parent_child where the coordinate is 0, (4, 4)
+        axis: unit direction in the child, (3,)
+        point: a point of the axis in the child, (3,) [m]
+        lower, upper: limits, infinite where the file gives none [rad or m]
+        effort, velocity: limits, infinite where the file gives none [N m, N, rad/s or m/s]
+        damping, friction: viscous and dry [N m s, N s/m; N m, N]
+        follows: (joint, ratio, offset) of a coupled joint
+        driven: whether it may have a motor
+    """
+
+    name: str
+    kind: Motion
+    parent: str
+    child: str
+    pose: Array
+    axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    point: Array = field(default_factory=lambda: np.zeros(3))
+    lower: float = -np.inf
+    upper: float = np.inf
+    effort: float = np.inf
+    velocity: float = np.inf
+    damping: float = 0.0
+    friction: float = 0.0
+    follows: tuple[str, float, float] | None = None
+    driven: bool = True
+
+    def motion(self, value: float) -> Array:
+        """Return the motion of the child at a coordinate [rad or m], (4, 4)."""
+        if self.kind == "prismatic":
+            return transform(np.eye(3), value * self.axis)
+        turn = matrix_from_rotation_vector(value * self.axis)
+        return transform(turn, self.point - turn @ self.point)
+
+
+@dataclass(frozen=True, eq=False)
+class SourceModel:
+    """A model that was read: a tree of links, and closures.
+
+    Attributes:
+        name: as in the file
+        file: its path
+        links: parents before children, the root first
+        joints: one for every other link, in their order
+        loops: closures of the loops
+        warnings: parts of the file that are ignored or changed
+    """
+
+    name: str
+    file: str
+    links: tuple[Link, ...]
+    joints: tuple[SourceJoint, ...]
+    loops: tuple[LinkLoop, ...]
+    warnings: tuple[str, ...]
+
+    @property
+    def moves(self) -> bool:
+        """Whether any joint moves."""
+        return any(joint.kind != "fixed" for joint in self.joints)
+
+    def poses(self) -> dict[str, Array]:
+        """Return the poses of links where all coordinates are 0, {link: T_root_link (4, 4)}."""
+        at = {self.links[0].name: np.eye(4)}
+        for joint in self.joints:
+            at[joint.child] = at[joint.parent] @ joint.pose
+        return at
+
+
+def as_tree(
+    file: str, links: Sequence[Link], joints: Sequence[SourceJoint]
+) -> tuple[tuple[Link, ...], tuple[SourceJoint, ...]]:
+    """Return links and joints with parents first.
+
+    Raises:
+        ImportFileError: duplicate names, a joint of an unknown link, a loop, or several roots
+    """
+    by_name = {link.name: link for link in links}
+    for what, names in (("link", [k.name for k in links]), ("joint", [j.name for j in joints])):
+        for again in sorted({n for n in names if names.count(n) > 1}):
+            raise ImportFileError(file, f"{what} {again!r} is defined twice")
+    above: dict[str, SourceJoint] = {}
+    for joint in joints:
+        for side in (joint.parent, joint.child):
+            if side not in by_name:
+                raise ImportFileError(
+                    file,
+                    f"joint {joint.name!r} names link {side!r}; known: {', '.join(by_name)}",
+                )
+        if joint.child in above:
+            raise ImportFileError(
+                file,
+                f"link {joint.child!r} has two parent joints, {above[joint.child].name!r} and"
+                f" {joint.name!r}: this format has no closed loops; allowed: one parent"
+                " (SDF and MJCF support closed loops)",
+            )
+        above[joint.child] = joint
+    roots = [name for name in by_name if name not in above]
+    if len(roots) != 1:
+        found = ", ".join(roots) or "none, the links go round in a ring"
+        raise ImportFileError(file, f"got {len(roots)} root links ({found}); allowed: one")
+    order, waiting = [roots[0]], [roots[0]]
+    while waiting:
+        parent = waiting.pop(0)
+        children = [j.child for j in joints if j.parent == parent]
+        order += children
+        waiting += children
+    if len(order) != len(by_name):
+        lost = ", ".join(sorted(set(by_name) - set(order)))
+        raise ImportFileError(file, f"links {lost} form a cycle; allowed: a tree")
+    return tuple(by_name[n] for n in order), tuple(above[n] for n in order[1:])
+
+
+AnyJoint = TypeVar("AnyJoint", LinkJoint, SourceJoint)
+
+
+def joints_above(joints: Iterable[AnyJoint], link: str) -> list[AnyJoint]:
+    """Return the joints from a link up to the root."""
+    above = {joint.child: joint for joint in joints}
+    found: list[AnyJoint] = []
+    while link in above:
+        found.append(above[link])
+        link = found[-1].parent
+    return found
+
+
+def without_capsule(shape: Shape) -> tuple[Shape, ...]:
+    """Return a shape, or the cylinder and two spheres of a capsule, for formats without it."""
+    if shape.kind != "capsule":
+        return (shape,)
+    radius, half, _ = shape.size
+    ball = replace(shape, kind="sphere", size=np.array([radius, 0.0, 0.0]))
+    ends = (shape.pose @ translation(np.array([0.0, 0.0, z])) for z in (-half, half))
+    return replace(shape, kind="cylinder"), *(replace(ball, pose=end) for end in ends)
+
+
+def nearest_material(rgba: Array | None) -> str:
+    """Return the material with the colour nearest to `rgba`, (4,); "casting" without one."""
+    if rgba is None:
+        return "casting"
+    off = {
+        name: float(np.sum((np.array(m.rgba[:3]) - rgba[:3]) ** 2)) for name, m in MATERIALS.items()
+    }
+    return min(off, key=lambda name: off[name])
+
+
+def solid(kind: ShapeKind, pose: Array, sizes: Sequence[float], material: str) -> Shape:
+    """Return a primitive along z.
+
+    Args:
+        kind: box, sphere, cylinder or capsule
+        pose: T_link_shape, of its centre, (4, 4)
+        sizes: edges of a box; radius of a sphere; radius and length of a cylinder or of a capsule's
+            straight part [m]
+        material: a row of `descriptions.materials`
+    """
+    if kind == "box":
+        return Shape("box", pose, 0.5 * np.asarray(sizes, dtype=np.float64), material)
+    radius, length = (*sizes, 0.0)[:2]
+    return Shape(kind, pose, np.array([radius, 0.5 * length, 0.0]), material)
+
+
+def mesh_shape(pose: Array, surface: Mesh, material: str) -> Shape:
+    """Return a mesh as a shape at T_link_shape, (4, 4)."""
+    reach = np.abs(surface.vertices).max(axis=0)
+    return Shape("mesh", pose, reach, material, collide=False, weigh=False, mesh=surface)

@@ -1,29 +1,71 @@
-"""A rig as standalone MJCF in the style of MuJoCo Menagerie, which plain MuJoCo loads."""
+"""MJCF: standalone robots in the style of MuJoCo Menagerie, and files as MuJoCo compiles them.
+
+A body with several joints is read as as many links, one behind the other.
+"""
 
 from __future__ import annotations
 
 import ctypes
 import re
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass
+import shutil
+import textwrap
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar import __version__
 from trocar.descriptions.inertial import holding_efforts
 from trocar.descriptions.meshes import Mesh
-from trocar.descriptions.records import RigArm, RigDescription
+from trocar.descriptions.records import ArmDescription, RigArm, RigDescription, Shape, ShapeKind
 from trocar.errors import TrocarError
-from trocar.formats.markup import NOISE, child, document, element, number, numbers
-from trocar.formats.mesh_files import obj
+from trocar.formats.folder import (
+    TEMPLATES,
+    ExportTask,
+    filled,
+    markdown_table,
+    readme,
+    write_meshes,
+)
+from trocar.formats.format import Format
+from trocar.formats.links import (
+    WORLD,
+    ImportFileError,
+    Link,
+    LinkLoop,
+    SourceJoint,
+    SourceModel,
+    as_tree,
+    mesh_shape,
+    nearest_material,
+    solid,
+)
+from trocar.formats.meshes import obj
+from trocar.formats.xml_tree import (
+    NOISE,
+    XmlNode,
+    child,
+    document,
+    element,
+    number,
+    numbers,
+    read_xml,
+)
+from trocar.geometry.rotations import matrix_from_quaternion
+from trocar.geometry.se3 import transform
+from trocar.inputs import is_file
 from trocar.kinematics.forward import coordinates, pose, poses
+from trocar.kinematics.mechanism import Motion
 from trocar.modeling import naming
 from trocar.modeling.build import SERVO_INPUTS, SITE_RADIUS_M, Draft, effort_limit, preset
 from trocar.modeling.geoms import COLLISION_GROUP, VISUAL_GROUP, set_contact
+from trocar.modeling.hinges import hinge_of
+from trocar.modeling.mujoco_log import log_mujoco_warnings
 from trocar.modeling.options import STIFF_IMPEDANCE, STIFF_STEPS, STOP_STEPS, ModelOptions
 
 Array = NDArray[np.float64]
@@ -34,44 +76,66 @@ MESH_FOLDER = "assets"
 FRAME_GROUP = 4
 #: Corners of a convex piece in MJX. Source: MuJoCo's page on MJX, 64 or less.
 MOST_HULL_CORNERS = 64
-#: Damping of a joint that its brake holds. Source: simulation/servos.py, HOLDING_DAMPING.
+#: Damping of a braked joint [N m s]. Source: simulation/servos.py, HOLDING_DAMPING.
 BRAKED_DAMPING = 1e18
-#: Significant digits with which a float64 is read back exactly.
+#: Significant digits of a float64 that reads back exactly.
 EXACT_DIGITS = 17
-#: Significant digits that a number of single precision has.
+#: Significant digits of a number in single precision.
 SINGLE_DIGITS = 7
-#: Time constant of loops in MJX, in physics steps. Source: MuJoCo raises it to two steps by
-#: itself under every integrator but `discrete` (flag refsafe); written so that a reader sees it.
+#: Time constant of loops in MJX, in physics steps. Source: the minimum of MuJoCo's flag refsafe,
+#: which applies with every integrator but `discrete`.
 SAFE_STEPS = 2.0
-#: Attributes of a hinge and of its servo that are in the class of their joint.
+#: Attributes of hinge and servo in the default class of their joint.
 JOINT_FIELDS = ("type", "range", "armature", "damping", "frictionloss", "stiffness", "springref")
 SERVO_FIELDS = (
     "gear", "gaintype", "gainprm", "biastype", "biasprm", "dyntype", "dynprm", "ctrlspec",
     "ctrlrange", "forcerange",
 )  # fmt: skip
-#: Not written: MuJoCo counts keys by itself, and warns where a robot is attached to a scene.
+#: Element that is removed: MuJoCo counts keys itself, and warns when a robot is attached.
 KEY_COUNT = '  <size nkey="1"/>\n\n'
-#: Numbers as they stand in attributes.
+#: Numbers in attributes.
 NUMBER = re.compile(r'(?<=[ "])-?\d[\d.]*(?:e[-+]\d+)?(?=[ "])')
 #: Elements whose numbers MuJoCo keeps in single precision.
 MATERIAL = re.compile(r"<material .*?/>")
-#: Joint vectors that determine how low a lone arm reaches, and how far below the floor lies [m].
+#: Number of joint vectors for a lone arm's lowest point, and the floor's distance below that [m].
 SAMPLES, CLEARANCE_M = 256, 0.15
-#: Room that is left around the frames in the first look. Source: by eye.
+#: Ratio of the view's extent to that of the frames. Source: by eye.
 MARGIN = 1.3
+#: {origin of a body's inertia: text in the README}
+INERTIA = {"source": "as the source has it", "shape": "of its shape", "solid": "of its solid"}
+#: Lowest group that MuJoCo's viewers hide by default.
+HIDDEN_GROUP = 3
+HINGE_KINDS: dict[int, Motion] = {
+    int(mujoco.mjtJoint.mjJNT_HINGE): "revolute",
+    int(mujoco.mjtJoint.mjJNT_SLIDE): "prismatic",
+}
+
+
+#: Limits of the data that MuJoCo generates, {element: (attributes, largest product)}; counts of
+#: nested `replicate` multiply. MuJoCo itself has no limits. Source: our own choice: a height field
+#: of 1000 x 1000, textures of 4096 x 4096, and more bodies than a robot has.
+MOST_MADE = {
+    "hfield": (("nrow", "ncol"), 1_000_000),
+    "replicate": (("count",), 1_000),
+    "composite": (("count",), 10_000),
+    "flexcomp": (("count",), 10_000),
+    "texture": (("width", "height"), 1 << 24),
+}
+#: Largest value of an attribute of `size` but `memory`, which belongs to the simulation.
+MOST_OF_SIZE = 10_000
 
 
 @dataclass(frozen=True)
 class Variant:
-    """One of the files that a robot becomes: same bodies, other servos or another integrator.
+    """One of a robot's files: same bodies, different servos or integrator.
 
     Attributes:
-        suffix: of its name
-        servo: "position": `ctrl` is the joints' positions, and bodies weigh nothing; "pid": `ctrl`
-            is position, velocity and fed-forward effort of each joint, bodies have their weight and
-            setup joints their brakes
-        mjx: whether it keeps to what MJX supports
-        minimum: the oldest MuJoCo that it is tested with
+        suffix: end of the file's name
+        servo: "position": `ctrl` is the joints' positions, and bodies are weightless; "pid": `ctrl`
+            is position, velocity and feed-forward effort of each joint, bodies have their weight
+            and setup joints their brakes
+        mjx: restricted to the features of MJX
+        minimum: oldest MuJoCo in the tests
     """
 
     suffix: str
@@ -94,7 +158,7 @@ def file_name(rig: RigDescription) -> str:
 
 
 def prefix(rig: RigDescription, arm: str) -> str:
-    """Return what precedes every name of an arm in a file: nothing in a rig of one arm."""
+    """Return the prefix of an arm's names in a file: "" in a rig of one arm."""
     return "" if len(rig.arms) == 1 else f"{arm}_"
 
 
@@ -109,10 +173,10 @@ def mjcf_document(
 
     Args:
         rig: its description
-        variant: which servos and which integrator
+        variant: servos and integrator
 
     Returns:
-        the file, and {name: mesh} of what it reads from assets/NAME.obj
+        the file, and the meshes of assets/NAME.obj, {name: mesh}
 
     Raises:
         InputError: an arm has no masses or no gains
@@ -143,7 +207,7 @@ def mjcf_document(
 
 
 def _set_options(spec: mujoco.MjSpec, variant: Variant) -> None:
-    option, usual = cast(Any, spec.option), cast(Any, mujoco.MjSpec().option)
+    option, usual = spec.option, mujoco.MjSpec().option
     # Sleeping is a choice of the scene.
     option.enableflags, option.sleep_tolerance = usual.enableflags, usual.sleep_tolerance
     option.tolerance = usual.tolerance
@@ -164,10 +228,10 @@ def _set_options(spec: mujoco.MjSpec, variant: Variant) -> None:
 
 
 def _weightless(place: RigArm, variant: Variant) -> bool:
-    """Return whether the bodies of an arm are spared their weight.
+    """Return whether the bodies of an arm are weightless.
 
-    So they are where the arm's own controller carries it, and the file's servos take positions
-    alone. Setup joints are counterbalanced.
+    They are where the arm's controller compensates gravity and the file's servos are position
+    servos. Setup joints are counterbalanced.
     """
     balanced = place.arm.type == "SUJ" or preset(place.arm).gravity_compensation
     return balanced and variant.servo == "position"
@@ -186,7 +250,7 @@ def _brake(spec: mujoco.MjSpec, rig: RigDescription) -> None:
     for group, place in enumerate(rig.arms, start=1):
         if place.arm.type != "SUJ":
             continue
-        cast(Any, spec.option).disableactuator |= 1 << group
+        spec.option.disableactuator |= 1 << group
         for joint in place.arm.joints:
             hinge = spec.joint(naming.scoped(place.name, joint.drive[0][0]))
             hinge.damping, hinge.frictionloss = [BRAKED_DAMPING, 0.0, 0.0], 0.0
@@ -228,7 +292,7 @@ def _set_servos(spec: mujoco.MjSpec, rig: RigDescription, variant: Variant) -> N
 
 
 def _rename(spec: mujoco.MjSpec, rig: RigDescription) -> None:
-    """Call everything as the files do: "PSM1_yaw", or "yaw" in a rig of one arm."""
+    """Rename all elements: "PSM1_yaw", or "yaw" in a rig of one arm."""
     hinges = {
         naming.scoped(place.name, joint.drive[0][0]): naming.scoped(place.name, joint.name)
         for place in rig.arms
@@ -264,7 +328,7 @@ def _rename(spec: mujoco.MjSpec, rig: RigDescription) -> None:
 
 
 def _classify(draft: Draft, rig: RigDescription, options: ModelOptions, variant: Variant) -> None:
-    """Put what many elements share into default classes; the file then has what differs."""
+    """Move shared attributes into default classes."""
     spec = draft.spec
     root = spec.add_default(file_name(rig), spec.default)
     root.joint.solref_limit = [STOP_STEPS * options.timestep, 1.0]
@@ -289,7 +353,7 @@ def _classify(draft: Draft, rig: RigDescription, options: ModelOptions, variant:
             hinge = spec.joint(naming.scoped(place.name, joint.drive[0][0]))
             servo = spec.actuator(naming.scoped(place.name, joint.name))
             made = spec.find_default(kind)
-            if made is None:  # of the first arm of a kind; others have what differs
+            if made is None:  # of the first arm of a kind
                 made = spec.add_default(kind, root)
                 for field in JOINT_FIELDS:
                     setattr(made.joint, field, getattr(hinge, field))
@@ -328,12 +392,12 @@ def _classify_geoms(
 
 
 def _home(rig: RigDescription, variant: Variant, model: mujoco.MjModel) -> tuple[Array, Array]:
-    """Return `qpos` and `ctrl` of the rig's pose "start": loops closed, and servos that hold it.
+    """Return `qpos` with loops closed, and `ctrl` that holds it, at the rig's pose "start".
 
     Args:
         rig: its description
-        variant: of the file
-        model: the file's, with the names of the description
+        variant: that of the file
+        model: the compiled file with the names of the description
     """
     start = rig.poses["start"]
     qpos = model.qpos0.copy()  # has objects where they are placed
@@ -349,7 +413,7 @@ def _home(rig: RigDescription, variant: Variant, model: mujoco.MjModel) -> tuple
 
 
 def _inputs(rig: RigDescription, place: RigArm, variant: Variant) -> list[float]:
-    """Return the inputs with which the servos of an arm hold it at rest."""
+    """Return the inputs of an arm's servos that hold the pose "start"."""
     q, arm = rig.poses["start"][place.name], place.arm
     control = preset(arm)
     load = np.zeros(len(q))
@@ -382,11 +446,11 @@ def _root(rig: RigDescription, place: RigArm) -> Array:
 
 
 @contextmanager
-def _exact_numbers() -> Iterator[None]:
-    """Let MuJoCo write all digits of a number: by itself it writes six.
+def _exact_numbers() -> Generator[None, None, None]:
+    """Set MuJoCo to write all digits of a number instead of six.
 
     Raises:
-        TrocarError: this build of MuJoCo has no setting for it
+        TrocarError: this build of MuJoCo has no such setting
     """
     folder = Path(mujoco.__file__).parent
     files = [f for f in folder.iterdir() if f.name.startswith(("libmujoco.", "mujoco.dll"))]
@@ -407,7 +471,7 @@ def _exact_numbers() -> Iterator[None]:
 
 
 def _shortest(found: re.Match[str]) -> str:
-    """Write a number as short as reads back the same; rounding noise is 0."""
+    """Write the shortest number that reads back the same; rounding noise becomes 0."""
     text = found.group()
     value = float(text)
     if abs(value) < NOISE:
@@ -416,12 +480,12 @@ def _shortest(found: re.Match[str]) -> str:
 
 
 def _single(found: re.Match[str]) -> str:
-    """Write a number of single precision as short as reads back the same."""
+    """Write the shortest number that reads back the same in single precision."""
     return number(float(found.group()), SINGLE_DIGITS)
 
 
 def scene_document(rig: RigDescription, variant: Variant = POSITION) -> bytes:
-    """Return a scene of a rig's file with light, sky and, where the rig has no props, a floor.
+    """Return a scene with a rig's file, light, sky and, for a rig without props, a floor.
 
     Raises:
         MissingExtraError: lxml is not installed
@@ -454,7 +518,7 @@ def scene_document(rig: RigDescription, variant: Variant = POSITION) -> bytes:
 
 
 def _floor(rig: RigDescription) -> float:
-    """Return the height of a floor that no joint position reaches, at most 0 [m]."""
+    """Return the height of a floor out of reach of the arms, at most 0 [m]."""
     rng = np.random.default_rng(0)
     lowest = 0.0
     for place in rig.arms:
@@ -467,7 +531,9 @@ def _floor(rig: RigDescription) -> float:
 
 
 def _middle(rig: RigDescription) -> Array:
-    return np.round(0.5 * (_points(rig).min(axis=0) + _points(rig).max(axis=0)), 2)
+    points = _points(rig)
+    middle: Array = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    return middle.round(2)
 
 
 def _extent(rig: RigDescription) -> float:
@@ -475,7 +541,7 @@ def _extent(rig: RigDescription) -> float:
 
 
 def _points(rig: RigDescription) -> Array:
-    """Return where frames are at the pose "start", (n, 3) [m]."""
+    """Return the origins of frames in the world at the pose "start", (n, 3) [m]."""
     found: list[Array] = []
     stands: dict[str, dict[str, Array]] = {}
     for place in rig.arms:
@@ -484,3 +550,451 @@ def _points(rig: RigDescription) -> Array:
         stands[place.name] = {name: mount @ place.pose @ pose for name, pose in at.items()}
         found += [pose[:3, 3] for pose in stands[place.name].values()]
     return np.array(found)
+
+
+def write_mjcf(task: ExportTask) -> tuple[str, ...]:
+    """Fill a folder like those of MuJoCo Menagerie, and return warnings."""
+    name, folder = file_name(task.rig), task.folder
+    for variant in VARIANTS:
+        text, meshes = mjcf_document(task.rig, variant)
+        (folder / f"{name}{variant.suffix}.xml").write_bytes(text)
+        write_meshes({mesh: stem for stem, mesh in meshes.items()}, folder / MESH_FOLDER)
+    for variant in (POSITION, MJX):
+        scene = scene_document(task.rig, variant)
+        (folder / f"scene{variant.suffix}.xml").write_bytes(scene)
+    shutil.copyfile(TEMPLATES / "LICENSE", folder / "LICENSE")
+    (folder / "CHANGELOG.md").write_text(_changelog(task), encoding="utf-8")
+    picture = folder / f"{name}.png"
+    undrawn = _draw(task, picture)
+    (folder / "README.md").write_text(_readme(task, picture=picture.is_file()), encoding="utf-8")
+    return (*undrawn, *_lost(task))
+
+
+def _draw(task: ExportTask, path: Path) -> tuple[str, ...]:
+    """Draw the rig, if the caller can; return a warning if that fails."""
+    try:
+        if task.draw is not None:
+            task.draw(task.rig, path)
+    except TrocarError as problem:
+        return (f"without a picture: {problem}",)
+    return ()
+
+
+def _lost(task: ExportTask) -> tuple[str, ...]:
+    """Return warnings of parts of the description that the files omit."""
+    warnings = [f"sensor {sensor.name} is not written" for sensor in task.rig.sensors]
+    warnings += [
+        f"the script of {prop.name} is not written" for prop in task.rig.objects if prop.script
+    ]
+    name = file_name(task.rig)
+    for place in task.rig.arms:
+        integral = [j for j, gains in preset(place.arm).pid.items() if gains.i]
+        if integral:
+            warnings.append(
+                f"{place.name}: the integral gain of {', '.join(integral)} is in {name}_pid.xml"
+                " only; position servos have none"
+            )
+    return tuple(warnings)
+
+
+def _changelog(task: ExportTask) -> str:
+    arms = [
+        f"- {place.name}: `{place.arm.name}`"
+        + (f" with {place.arm.tool}" if place.arm.tool else "")
+        + (f", calibrated: {Path(place.arm.overlay.file).name}" if place.arm.overlay else "")
+        for place in task.rig.arms
+    ]
+    return "\n".join(
+        [
+            f"# Changelog of {task.model.title}",
+            "",
+            f"## Written by trocar {__version__}",
+            "",
+            "- First version, from the description of the robot.",
+            *arms,
+            "",
+        ]
+    )
+
+
+def _readme(task: ExportTask, *, picture: bool) -> str:
+    """Return the README, with the option block of the model in the folder."""
+    name, arms = file_name(task.rig), task.rig.arms
+    text = (task.folder / f"{name}.xml").read_text(encoding="utf-8")
+    option = text[text.index("<option") : text.index("</option>")]
+    setup_joints = (
+        f"\n- Setup joints have no motors. In `{name}.xml` servos stand for the hands that move"
+        f" them; in `{name}_pid.xml` their brakes hold them (a damping of 1e18), and their servos"
+        " are switched off by group."
+    )
+    gripper = (
+        "\n- A gripper has a spring and no motor: its `ctrl` is the effort of a person's fingers."
+    )
+    alone = (
+        "Two robots from such files do not touch each other. For that give one of them"
+        ' `contype="4" conaffinity="3"` in its class `collision`.'
+    )
+    together = "Which arms touch which is in the classes `..._collision`."
+    body = filled(
+        "mjcf.md",
+        picture=f"## Picture\n\n![{task.model.title}]({name}.png)\n\n" if picture else "",
+        name=name,
+        assets="\n| assets/ | meshes, in metres |" if task.meshes else "",
+        servo=f"{prefix(task.rig, arms[0].name)}{arms[0].arm.joints[0].name}",
+        servos=sum(len(place.arm.joints) for place in arms),
+        setup_joints=setup_joints if any(place.arm.type == "SUJ" for place in arms) else "",
+        grippers=gripper if any(place.arm.has_gripper for place in arms) else "",
+        option=textwrap.dedent(f"  {option}</option>"),
+        touch=alone if len(arms) == 1 and not task.rig.props else together,
+    )
+    return readme(task, "mjcf", body + _sources(task))
+
+
+def _sources(task: ExportTask) -> str:
+    """Return sections with the sources of each description and instrument of a rig."""
+    found: dict[str, str] = {}
+    for place in task.rig.arms:
+        arm = place.arm
+        title = arm.name + (f" with {arm.tool}" if arm.tool else "")
+        if f"Masses: {title}" in found:
+            continue
+        control = preset(arm)
+        found[f"Masses: {title}"] = _masses(arm)
+        gains = f"Source of the gains: {_gains(arm, control.name)}."
+        found[f"Servos: {title}"] = f"{_motors(arm, control.name)}\n\n{gains}{_efforts(arm)}"
+        found[f"Friction and rotors: {title}"] = f"{_friction(arm)}\n\n{_blocks(arm)}"
+        found[f"Axes and loops: {title}"] = _axes(arm)
+    return "".join(f"\n## {heading}\n\n{text}\n" for heading, text in found.items())
+
+
+def _masses(arm: ArmDescription) -> str:
+    rows = [
+        (b.frame, f"{b.mass:.6g}", INERTIA[b.inertia_from], _line(b.source) or "-")
+        for b in arm.bodies
+    ]
+    return markdown_table(("frame", "mass [kg]", "inertia", "source"), rows)
+
+
+def _motors(arm: ArmDescription, control: str) -> str:
+    rows: list[Sequence[str]] = []
+    for joint in arm.joints:
+        gains = arm.control[control].pid[joint.name]
+        turns = joint.kind == "revolute"
+        rows.append(
+            (
+                joint.name,
+                "-" if joint.spring else f"{gains.p:g}",
+                "-" if joint.spring else f"{gains.d:g}",
+                f"{joint.effort_max:g} {'N m' if turns else 'N'}",
+                f"{joint.lower:.6g} to {joint.upper:.6g} {'rad' if turns else 'm'}",
+            )
+        )
+    return markdown_table(("joint", "P", "D", "largest effort", "range"), rows)
+
+
+def _gains(arm: ArmDescription, control: str) -> str:
+    found = [s for block, s in arm.block_sources.items() if block.endswith(f"control {control}")]
+    return "; ".join(dict.fromkeys(_line(source).rstrip(".") for source in found))
+
+
+def _efforts(arm: ArmDescription) -> str:
+    own = [f"{joint.name}: {_line(joint.source)}" for joint in arm.joints if joint.source]
+    whole = f" Limits and largest efforts: {_line(arm.source)}"
+    tool = arm.block_sources.get(arm.tool, "") if arm.tool else ""
+    parts = [whole.rstrip("."), *([_line(tool)] if tool else []), *own]
+    return ". ".join(part.rstrip(".") for part in parts) + "."
+
+
+def _friction(arm: ArmDescription) -> str:
+    rows: list[Sequence[str]] = []
+    for frame in arm.mechanism.frames:
+        if frame.motion == "fixed":
+            continue
+        feels = hinge_of(arm, frame.name, "identified")
+        rows.append(
+            (frame.name, f"{feels.frictionloss:g}", f"{feels.damping:g}", f"{feels.armature:g}")
+        )
+    return markdown_table(
+        ("frame", "dry [N m, N]", "viscous [N m s, N s/m]", "rotor [kg m2, kg]"), rows
+    )
+
+
+def _blocks(arm: ArmDescription) -> str:
+    blocks = ("friction identified", "rotor")
+    rows = [
+        f"- {block}: {_line(source)}"
+        for block, source in arm.block_sources.items()
+        if block.endswith(blocks)
+    ]
+    return "\n".join(rows)
+
+
+def _axes(arm: ArmDescription) -> str:
+    rows = [(f"`{name}`", _line(source)) for name, source in arm.row_sources.items() if source]
+    rows += [
+        (f"`{block}`", _line(source))
+        for block, source in arm.block_sources.items()
+        if block.startswith("loop ")
+    ]
+    return f"{_line(arm.source)}\n\n{markdown_table(('frame', 'source'), rows)}"
+
+
+def _line(text: str) -> str:
+    """Return a source on one line, for a cell of a table."""
+    return " ".join(text.split()).replace("|", "/")
+
+
+def read_mjcf(path: Path, packages: tuple[Path, ...] = ()) -> SourceModel:
+    """Read a model.
+
+    Args:
+        path: the file
+        packages: unused, as MJCF has no package://
+
+    Raises:
+        ImportFileError: rejected by MuJoCo, too large, or with a ball joint, weld, tendon or flex
+        MissingExtraError: lxml is not installed
+    """
+    del packages
+    _check_made(path, read_xml(path), 1, frozenset({path.resolve()}))
+    log_mujoco_warnings()
+    try:
+        model = mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as problem:
+        raise ImportFileError(str(path), f"rejected by MuJoCo: {problem}") from problem
+    return _MjcfReader(model, str(path)).read(path.stem)
+
+
+def _check_made(path: Path, node: XmlNode, around: float, seen: frozenset[Path]) -> None:
+    """Check the data that MuJoCo would generate from a file and the files that it includes.
+
+    Raises:
+        ImportFileError: more than `MOST_MADE` or `MOST_OF_SIZE` allows
+    """
+    if node.tag in ("include", "model") and (name := node.attribute("file", "")):
+        file = (path.parent / name).resolve()
+        if file not in seen and is_file(file):  # else MuJoCo reports the problem
+            _check_made(file, read_xml(file), around, seen | {file})
+        return
+    if node.tag == "size":
+        for name, text in node.attributes().items():
+            if name != "memory" and _product(text) > MOST_OF_SIZE:
+                raise node.fail(f"{name}: got {text[:40]}; allowed: up to {MOST_OF_SIZE}")
+    if node.tag in MOST_MADE:
+        names, most = MOST_MADE[node.tag]
+        product = _product(" ".join(node.attribute(name, "") for name in names))
+        if node.tag == "replicate":
+            around = product = max(product, 1) * around
+        if product > most:
+            raise node.fail(f"{' x '.join(names)}: got {product:g}; allowed: up to {most}")
+    for inside in node.children():
+        _check_made(path, inside, around, seen)
+
+
+def _product(text: str) -> float:
+    """Return the product of the numbers of a text; other words are ignored."""
+    product = 1.0
+    for word in text.split():
+        with suppress(ValueError):
+            product *= abs(float(word))
+    return product
+
+
+class _MjcfReader:
+    def __init__(self, model: Any, file: str) -> None:
+        self._m, self._file = model, file
+        self._links: list[Link] = []
+        self._joints: list[SourceJoint] = []
+        self._warnings: list[str] = []
+        kinds = mujoco.mjtTrn
+        hinged = model.actuator_trntype == int(kinds.mjTRN_JOINT)
+        self._driven = {int(k) for k in model.actuator_trnid[hinged, 0]} if model.nu else None
+
+    def read(self, name: str) -> SourceModel:
+        m = self._m
+        for count, what in ((m.ntendon, "tendons"), (m.nflex, "flexes"), (m.nskin, "skins")):
+            if count:
+                raise ImportFileError(self._file, f"has {count} {what}, which are not supported")
+        for body in range(m.nbody):
+            self._body(body)
+        links, joints = as_tree(self._file, self._links, self._joints)
+        loops, joints = self._equalities(joints)
+        found = str(m.names[: m.names.index(b"\0")].decode()) or name
+        return SourceModel(found, self._file, links, joints, loops, tuple(self._warnings))
+
+    def _name(self, kind: Any, index: int, default: str) -> str:
+        return mujoco.mj_id2name(self._m, int(kind), index) or default
+
+    def _link_name(self, body: int) -> str:
+        return WORLD if body == 0 else self._name(mujoco.mjtObj.mjOBJ_BODY, body, f"body_{body}")
+
+    def _body(self, body: int) -> None:
+        m, name = self._m, self._link_name(body)
+        turn = matrix_from_quaternion(m.body_iquat[body])
+        link = Link(
+            name,
+            mass=float(m.body_mass[body]),
+            com=np.array(m.body_ipos[body]),
+            inertia=turn @ np.diag(m.body_inertia[body]) @ turn.T,
+            shapes=tuple(self._shapes(body)),
+        )
+        if body:
+            self._hang(body, name)
+        self._links.append(link)
+
+    def _hang(self, body: int, name: str) -> None:
+        m = self._m
+        parent = self._link_name(int(m.body_parentid[body]))
+        pose = transform(matrix_from_quaternion(m.body_quat[body]), np.array(m.body_pos[body]))
+        first, count = int(m.body_jntadr[body]), int(m.body_jntnum[body])
+        if count == 0:
+            self._joints.append(SourceJoint(f"{name}_fixed", "fixed", parent, name, pose))
+        for k in range(first, first + count):
+            joint = self._name(mujoco.mjtObj.mjOBJ_JOINT, k, f"{name}_joint_{k - first}")
+            last = k == first + count - 1
+            child = name if last else f"{name}_{joint}"
+            if not last:
+                self._links.append(Link(child))
+            if int(m.jnt_type[k]) == int(mujoco.mjtJoint.mjJNT_FREE):
+                self._warnings.append(f"{self._file}: {joint}: free joint imported as fixed")
+                self._joints.append(SourceJoint(joint, "fixed", parent, child, pose))
+            else:
+                self._joints.append(self._joint(k, joint, (parent, child), pose))
+            parent, pose = child, np.eye(4)
+
+    def _joint(self, k: int, name: str, ends: tuple[str, str], pose: Array) -> SourceJoint:
+        m = self._m
+        kind = HINGE_KINDS.get(int(m.jnt_type[k]))
+        if kind is None:
+            raise ImportFileError(
+                self._file, f"joint {name!r} is a ball joint; allowed: hinge, slide"
+            )
+        axis, point = np.array(m.jnt_axis[k]), np.array(m.jnt_pos[k])
+        lower, upper = m.jnt_range[k] if m.jnt_limited[k] else (-np.inf, np.inf)
+        dof = int(m.jnt_dofadr[k])
+        found = SourceJoint(
+            name,
+            kind,
+            *ends,
+            pose,
+            axis,
+            point,
+            float(lower),
+            float(upper),
+            effort=self._effort(k),
+            damping=float(np.ravel(m.dof_damping[dof])[0]),
+            friction=float(m.dof_frictionloss[dof]),
+            driven=self._driven is None or k in self._driven,
+        )
+        at_zero = pose @ found.motion(-float(m.qpos0[m.jnt_qposadr[k]]))
+        return replace(found, pose=at_zero)
+
+    def _effort(self, k: int) -> float:
+        m = self._m
+        for a in range(m.nu):
+            if int(m.actuator_trnid[a, 0]) == k and m.actuator_forcelimited[a]:
+                return float(np.abs(m.actuator_forcerange[a]).max() * abs(m.actuator_gear[a, 0]))
+        return np.inf
+
+    def _shapes(self, body: int) -> list[Shape]:
+        m = self._m
+        first = int(m.body_geomadr[body])
+        found: list[Shape] = []
+        for g in range(first, first + int(m.body_geomnum[body])):
+            pose = transform(matrix_from_quaternion(m.geom_quat[g]), np.array(m.geom_pos[g]))
+            shape = self._shape(g, pose)
+            if shape is None:
+                continue
+            touches = bool(m.geom_contype[g] or m.geom_conaffinity[g])
+            hidden = int(m.geom_group[g]) >= HIDDEN_GROUP
+            found.append(replace(shape, visible=not hidden, collide=touches))
+        return found
+
+    def _shape(self, g: int, pose: Array) -> Shape | None:
+        m, kinds = self._m, mujoco.mjtGeom
+        size, kind = np.array(m.geom_size[g]), int(m.geom_type[g])
+        material = nearest_material(np.array(m.geom_rgba[g]))
+        if kind == int(kinds.mjGEOM_MESH):
+            return mesh_shape(pose, self._mesh(int(m.geom_dataid[g])), material)
+        sizes: dict[int, tuple[ShapeKind, Array | tuple[float, float]]] = {
+            int(kinds.mjGEOM_BOX): ("box", 2.0 * size),
+            int(kinds.mjGEOM_SPHERE): ("sphere", size[:1]),
+            int(kinds.mjGEOM_CYLINDER): ("cylinder", (size[0], 2.0 * size[1])),
+            int(kinds.mjGEOM_CAPSULE): ("capsule", (size[0], 2.0 * size[1])),
+        }
+        if kind in sizes:
+            name, edges = sizes[kind]
+            return solid(name, pose, [float(edge) for edge in edges], material)
+        name = self._name(mujoco.mjtObj.mjOBJ_GEOM, g, f"geom {g}")
+        self._warnings.append(
+            f"{self._file}: {name}: planes, ellipsoids and height fields are ignored"
+        )
+        return None
+
+    def _mesh(self, k: int) -> Mesh:
+        m = self._m
+        at, count = int(m.mesh_vertadr[k]), int(m.mesh_vertnum[k])
+        face, faces = int(m.mesh_faceadr[k]), int(m.mesh_facenum[k])
+        return Mesh(
+            np.array(m.mesh_vert[at : at + count], dtype=np.float64),
+            np.array(m.mesh_face[face : face + faces], dtype=np.int64),
+        )
+
+    def _equalities(
+        self, joints: tuple[SourceJoint, ...]
+    ) -> tuple[tuple[LinkLoop, ...], tuple[SourceJoint, ...]]:
+        m, kinds = self._m, mujoco.mjtEq
+        loops: dict[tuple[str, ...], LinkLoop] = {}
+        by_name = {joint.name: joint for joint in joints}
+        for e in range(m.neq):
+            name = self._name(mujoco.mjtObj.mjOBJ_EQUALITY, e, f"equality_{e}")
+            kind = int(m.eq_type[e])
+            if kind == int(kinds.mjEQ_CONNECT):
+                loop = self._connect(e, name)
+                key = (loop.link_a, loop.link_b, *(f"{v:.9f}" for v in loop.point_a))
+                loops.setdefault(key, loop)  # the same hinge may be held by several
+            elif kind == int(kinds.mjEQ_JOINT):
+                self._couple(e, name, by_name)
+            else:
+                raise ImportFileError(
+                    self._file, f"equality {name!r} is not supported; allowed: connect, joint"
+                )
+        return tuple(loops.values()), tuple(by_name.values())
+
+    def _connect(self, e: int, name: str) -> LinkLoop:
+        m = self._m
+        one, two = int(m.eq_obj1id[e]), int(m.eq_obj2id[e])
+        if int(m.eq_objtype[e]) == int(mujoco.mjtObj.mjOBJ_SITE):
+            bodies = [int(m.site_bodyid[s]) for s in (one, two)]
+            points = [np.array(m.site_pos[s]) for s in (one, two)]
+        else:
+            bodies = [one, max(two, 0)]
+            points = [np.array(m.eq_data[e, :3]), np.array(m.eq_data[e, 3:6])]
+        names = [self._link_name(body) for body in bodies]
+        return LinkLoop(name, names[0], points[0], names[1], points[1])
+
+    def _couple(self, e: int, name: str, by_name: dict[str, SourceJoint]) -> None:
+        """Read a joint equality as a coupling; inside a loop it only guards the branch."""
+        m = self._m
+        follower, leader = (
+            self._name(mujoco.mjtObj.mjOBJ_JOINT, int(k), "") if k >= 0 else ""
+            for k in (m.eq_obj1id[e], m.eq_obj2id[e])
+        )
+        offset, ratio, *more = (float(v) for v in m.eq_data[e, :5])
+        if any(more) or not leader:
+            raise ImportFileError(
+                self._file, f"equality {name!r} is not linear in two joints; allowed: linear"
+            )
+        joint = by_name[follower]
+        if joint.follows is None:
+            by_name[follower] = replace(joint, follows=(leader, ratio, offset))
+
+
+FORMAT = Format(
+    title="MJCF: MuJoCo, as MuJoCo Menagerie has robots",
+    order=30,
+    suffixes=(".xml", ".mjcf"),
+    root="mujoco",
+    write=write_mjcf,
+    read=read_mjcf,
+)

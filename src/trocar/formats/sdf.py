@@ -1,14 +1,19 @@
-"""A rig as an SDF model: links, hinges, and the joints that close its loops.
+"""SDF: links, hinges, and the joints that close loops.
 
-The model stands as it does where every public joint is at 0 and the loops are closed, which is
-where a reader of the file counts every joint from: a passive joint of a loop that is no
-parallelogram differs by the constant `LinkModel.zero`.
+A model is written in the pose with every public joint at 0 and the loops closed. Readers count
+joints from there: a passive joint of a loop that is no parallelogram differs by `LinkModel.zero`.
+
+Source: the format as sdformat.org documents it: poses are relative to the model unless they name
+another frame (1.7), a joint's to its child; a joint's axis is given in the joint's frame, in the
+model's where the file says so (`use_parent_model_frame` up to 1.6, `expressed_in` from 1.7).
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,39 +23,80 @@ from trocar.descriptions.materials import MATERIALS
 from trocar.descriptions.meshes import Mesh
 from trocar.descriptions.records import Shape
 from trocar.errors import UnknownNameError
-from trocar.formats.links import WORLD, Link, LinkJoint, LinkLoop, LinkModel
-from trocar.formats.markup import child, document, element, lxml_etree
+from trocar.formats.folder import (
+    ExportTask,
+    filled,
+    left_out,
+    markdown_table,
+    readme,
+    write_meshes,
+)
+from trocar.formats.format import Format
+from trocar.formats.links import (
+    KINDS,
+    WORLD,
+    ImportFileError,
+    Link,
+    LinkJoint,
+    LinkLoop,
+    LinkModel,
+    SourceJoint,
+    SourceModel,
+    as_tree,
+    joint_motion,
+    joints_above,
+    nearest_material,
+    without_capsule,
+)
+from trocar.formats.meshes import MeshFinder
+from trocar.formats.xml_tree import (
+    INFINITE,
+    XmlNode,
+    child,
+    document,
+    element,
+    inertia_of,
+    lxml_etree,
+    moving_joint,
+    read_xml,
+)
 from trocar.geometry.rotations import matrix_from_rpy, rpy_from_matrix
-from trocar.geometry.se3 import transform, translation
+from trocar.geometry.se3 import inverse, transform, translation
 from trocar.modeling.options import CONTACT_FRICTION
 
 Array = NDArray[np.float64]
 
-#: 1.7 is what Gazebo Classic 11 reads, 1.9 Gazebo from Fortress on and Drake, 1.11 Gazebo from
-#: Harmonic on. Source: the table of versions in gazebosim/sdformat's README.
+#: Versions that are written: 1.7 for Gazebo Classic 11, 1.9 for Drake and Gazebo from Fortress on,
+#: 1.11 for Gazebo from Harmonic on. Source: the table of versions in gazebosim/sdformat's README.
 VERSIONS = ("1.9", "1.7", "1.11")
-#: The link that stands in the world and holds what stands there.
+#: Link fixed to the world, with the fixed props.
 GROUND = "ground"
-#: Drake's elements. Source: Drake's page "Supported parsing of SDFormat and URDF".
+#: Namespace of Drake's elements. Source: Drake's page "Supported parsing of SDFormat and URDF".
 DRAKE = "http://drake.mit.edu"
-#: Hinges that lean by less have the same direction: rounding. Source: our own choice. [rad]
+#: Largest angle between parallel hinges [rad]. Source: our own choice, above rounding.
 PARALLEL = 1e-9
 Z = "0 0 1"
-#: The prop that people stand on, and where the ground is in a rig without one: where rigs whose
-#: arms hang on stands have it [m]. Source: data/rigs.
+#: Name of the floor among props, and height of the ground in a rig without one [m].
+#: Source: data/rigs, those with arms on stands.
 FLOOR, FLOOR_Z = "floor", -0.75
-#: Time step of Gazebo's physics. Source: that of our own simulation. [s]
+#: Time step of Gazebo's physics [s]. Source: that of our own simulation.
 STEP = 0.001
-#: Where the sun comes from, and how bright it is. Source: our own choice.
+#: Direction and colour of the sun. Source: our own choice.
 SUN_DIRECTION, SUN_COLOUR = (-0.5, 0.3, -0.9), (0.8, 0.8, 0.8, 1.0)
 GREY = (0.7, 0.7, 0.72, 1.0)
+MODEL = "model.sdf"
+MODEL_PARTS = ("link", "joint", "frame", "pose")
+#: Elements of a model that configure a simulator; they are ignored with a warning.
+PASSED_OVER = ("plugin", "static", "self_collide", "allow_auto_disable", "enable_wind")
+LINK_PARTS = ("pose", "inertial", "visual", "collision")
+LINK_PASSED_OVER = ("gravity", "self_collide", "kinematic", "enable_wind", "velocity_decay")
 
 
 def check_version(version: str) -> str:
-    """Return a version of SDF that can be written.
+    """Return a version of SDF if it is one of `VERSIONS`.
 
     Raises:
-        UnknownNameError: another one
+        UnknownNameError: it is not
     """
     if version not in VERSIONS:
         raise UnknownNameError("SDF version", version, VERSIONS)
@@ -58,15 +104,15 @@ def check_version(version: str) -> str:
 
 
 def model_name(model: LinkModel) -> str:
-    """Return what a rig is called in files: letters, digits and _."""
+    """Return the name of a rig in files: letters, digits and _."""
     return re.sub(r"\W+", "_", model.name)
 
 
 def sdf(model: LinkModel, version: str = "1.9", meshes: Mapping[Mesh, str] | None = None) -> bytes:
     """Return a rig as an SDF file of one model.
 
-    A frame without mass is a `frame`, so no link is weightless; what stands still in the world is
-    one link, "ground". Numbers read back as the float64 they are.
+    A frame without mass is a `frame`, so no link is weightless; fixed props are one link, "ground".
+    Numbers are exact in float64.
 
     Args:
         model: the rig
@@ -83,7 +129,7 @@ def sdf(model: LinkModel, version: str = "1.9", meshes: Mapping[Mesh, str] | Non
 
 
 def sdf_root(version: str) -> Any:
-    """Return the element that an SDF file consists of.
+    """Return the root element of an SDF file.
 
     Raises:
         UnknownNameError: a version that cannot be written
@@ -123,9 +169,9 @@ def add_model(
 
 
 def world(model: LinkModel, version: str, meshes: Mapping[Mesh, str] | None = None) -> bytes:
-    """Return an SDF world with a rig in it, a ground to fall on and a sun.
+    """Return an SDF world with a rig, a ground plane and a sun.
 
-    The model is in it and not included by name: Gazebo then opens the file wherever it lies.
+    The model is part of the file, not included by name, so Gazebo opens the file in any folder.
 
     Args:
         model, version, meshes: as for `sdf`
@@ -142,7 +188,7 @@ def world(model: LinkModel, version: str, meshes: Mapping[Mesh, str] | None = No
 
 
 def card(model: LinkModel, version: str, file: str) -> bytes:
-    """Return the `model.config` by which Gazebo finds a model's file."""
+    """Return the `model.config` of a model's file, for Gazebo."""
     root = element("model")
     child(root, "name", text=model_name(model))
     child(root, "version", text="1.0")
@@ -153,7 +199,7 @@ def card(model: LinkModel, version: str, file: str) -> bytes:
 
 
 def rigid_links(model: LinkModel) -> dict[str, str]:
-    """Return the SDF link that each link is, or is a frame of: {link: SDF link}."""
+    """Return the SDF link of each link, {link: SDF link}; links without mass are its frames."""
     found = {WORLD: GROUND}
     for joint, link in zip(model.joints, model.links[1:], strict=True):
         found[link.name] = link.name if link.mass else found[joint.parent]
@@ -161,11 +207,8 @@ def rigid_links(model: LinkModel) -> dict[str, str]:
 
 
 def standing(joint: LinkJoint, zero: Mapping[str, float]) -> Array:
-    """Return the pose of a joint's child in its parent as the file has it, (4, 4)."""
-    at = zero.get(joint.name, 0.0)
-    if joint.kind == "prismatic":
-        return joint.pose @ transform(np.eye(3), np.array([0.0, 0.0, at]))
-    return joint.pose @ transform(matrix_from_rpy(0.0, 0.0, at), np.zeros(3))
+    """Return T_parent_child in the file, (4, 4)."""
+    return joint.pose @ joint_motion(joint.kind, zero.get(joint.name, 0.0))
 
 
 def _own_names(link: Link) -> dict[Mesh, str]:
@@ -186,24 +229,24 @@ def _add_link(parent: Any, model: LinkModel, joint: LinkJoint, link: Link, on: s
 
 
 def joint_name(name: str) -> str:
-    """Return what a joint is called in the file, where links and joints share their names."""
+    """Return the name of a joint in the file, where links and joints share a namespace."""
     return f"{name}_joint"
 
 
 def add_fixed(parent: Any, name: str, on: str, link: str) -> None:
-    """Append a joint that does not move."""
+    """Append a fixed joint."""
     _start(parent, name, "fixed", on, link)
 
 
 def add_joint(parent: Any, model: LinkModel, joint: LinkJoint, on: str, version: str) -> None:
-    """Append what joins a link to its parent.
+    """Append the joint between a link and its parent.
 
     Args:
-        parent: the element that gets it
+        parent: the model's element
         model: the rig
-        joint: which; its child has mass
-        on: the link that the joint's parent is, or is a frame of
-        version: of SDF
+        joint: a joint whose child has mass
+        on: SDF link of the joint's parent
+        version: one of `VERSIONS`
     """
     if joint.kind == "fixed" or joint.hinge is None:
         add_fixed(parent, joint.name, on, joint.child)
@@ -227,7 +270,7 @@ def _start(parent: Any, name: str, kind: str, on: str, link: str) -> Any:
 
 
 def _add_limit(axis: Any, model: LinkModel, joint: LinkJoint) -> None:
-    """Append how far a joint goes; what a loop determines, its loop limits, and no motor drives."""
+    """Append limits; a loop's passive joint has no motor, and no limit but those of its loop."""
     limit = child(axis, "limit")
     if joint.in_loop or joint.hinge is None:
         child(limit, "effort", text=exact([0.0]))
@@ -255,7 +298,7 @@ def _add_dynamics(axis: Any, model: LinkModel, joint: LinkJoint) -> None:
 
 
 def _add_coupling(made: Any, axis: Any, model: LinkModel, joint: LinkJoint, version: str) -> None:
-    """Write which joint a joint follows, in the elements that readers of the version support."""
+    """Append a joint's coupling, in the elements that readers of the version support."""
     ((leader, ratio),) = joint.follows
     offset = joint.offset + ratio * model.zero[leader] - model.zero[joint.name]
     if version == "1.11":
@@ -272,10 +315,10 @@ def _add_coupling(made: Any, axis: Any, model: LinkModel, joint: LinkJoint, vers
 
 
 def add_gearbox(parent: Any, model: LinkModel, joint: LinkJoint, on: str) -> None:
-    """Append the gearbox that ties a hinge to the one it follows, where both sit on one link.
+    """Append the gearbox between a hinge and its leader, if both have the same parent.
 
-    Gazebo Classic turns the child by -ratio times what the parent turns, both seen from the
-    reference body. Source: the description of `gearbox_ratio` in SDF.
+    Gazebo Classic turns the child by -ratio times the angle of the parent, both in the reference
+    body. Source: the description of `gearbox_ratio` in SDF.
     """
     if joint.kind != "revolute" or not joint.follows or joint.in_loop:
         return
@@ -307,17 +350,8 @@ def add_loop(parent: Any, model: LinkModel, loop: LinkLoop) -> None:
 
 
 def _flat(model: LinkModel, loop: LinkLoop) -> bool:
-    """Return whether every hinge of a loop has the same direction."""
-    above = {joint.child: joint for joint in model.joints}
-
-    def chain(link: str) -> list[LinkJoint]:
-        found: list[LinkJoint] = []
-        while link in above:
-            found.append(above[link])
-            link = found[-1].parent
-        return found
-
-    sides = chain(loop.link_a), chain(loop.link_b)
+    """Return whether all hinges of a loop are parallel."""
+    sides = [joints_above(model.joints, link) for link in (loop.link_a, loop.link_b)]
     common = {joint.name for joint in sides[0]} & {joint.name for joint in sides[1]}
     directions: list[np.ndarray] = []
     for side in sides:
@@ -331,15 +365,15 @@ def _flat(model: LinkModel, loop: LinkLoop) -> bool:
 
 
 def add_collision_filters(parent: Any, model: LinkModel, carriers: Mapping[str, str]) -> None:
-    """Append a group for each arm, and which groups it does not touch; other readers skip it.
+    """Append a group for each arm with the groups that it does not touch; Drake alone reads it.
 
-    As `geoms.contact_masks`: an arm touches other arms and what stands in the world, never itself
-    nor its carrier; carriers (setup joints) touch neither each other nor what stands.
+    As `geoms.contact_masks`: an arm touches other arms and fixed props, never itself nor its
+    carrier; carriers (setup joints) touch neither each other nor fixed props.
 
     Args:
         parent: the model's element
         model: the rig
-        carriers: {link: the SDF link that it is, or is a frame of}
+        carriers: {link: SDF link}, those of `rigid_links`
     """
     arm_of = {link.name: link.arm for link in model.links}
     carried = {
@@ -369,17 +403,17 @@ def _add_group(parent: Any, name: str, members: list[str], ignored: list[str]) -
 
 
 def exact(values: Iterable[float]) -> str:
-    """Write numbers so that reading gives the same float64."""
+    """Write numbers that read back as the same float64."""
     return " ".join(repr(float(value) + 0.0) for value in values)
 
 
 def add_pose(parent: Any, pose: Array, relative_to: str = "") -> None:
-    """Append a `pose`, unless it is that of the parent itself.
+    """Append a `pose`, unless it is the identity in the default frame.
 
     Args:
         parent: an element of lxml
-        pose: (4, 4)
-        relative_to: the link or frame that it is given in; "" for what the parent belongs to
+        pose: T_relative_to_element, (4, 4)
+        relative_to: a link or frame; "": the default frame of the element
     """
     if relative_to or not np.array_equal(pose, np.eye(4)):
         named = {"relative_to": relative_to} if relative_to else {}
@@ -392,14 +426,14 @@ def add_shape(
     """Append the `visual` and the `collision` of a shape.
 
     Args:
-        link: the element that gets them
+        link: the link's element
         name: unique in the link
-        shape: what
-        frame: the frame that the shape is in, "" for the link
-        version: of SDF; before 1.8 there is no capsule, which becomes a cylinder with two balls
+        shape: a shape in `frame`
+        frame: name of a frame, "" for the link
+        version: one of `VERSIONS`; 1.7 has no capsule, which becomes a cylinder with two spheres
         meshes: {mesh: its file's name without folder and ending}
     """
-    parts = _capsule(shape) if shape.kind == "capsule" and version == "1.7" else (shape,)
+    parts = without_capsule(shape) if version == "1.7" else (shape,)
     for k, part in enumerate(parts):
         own = name if len(parts) == 1 else f"{name}_{k}"
         if shape.visible:
@@ -412,16 +446,6 @@ def add_shape(
             add_pose(collision, part.pose, frame)
             _add_geometry(collision, part, meshes)
             _add_friction(collision, shape)
-
-
-def _capsule(shape: Shape) -> tuple[Shape, ...]:
-    """Return the cylinder and the two balls that make a capsule."""
-    radius, half, _ = shape.size
-    made = [Shape("cylinder", shape.pose, shape.size, shape.material)]
-    for end in (-half, half):
-        pose = shape.pose @ transform(np.eye(3), np.array([0.0, 0.0, end]))
-        made.append(Shape("sphere", pose, np.array([radius, 0.0, 0.0]), shape.material))
-    return tuple(made)
 
 
 def _add_geometry(parent: Any, shape: Shape, meshes: Mapping[Mesh, str]) -> None:
@@ -476,3 +500,276 @@ def _add_ground(parent: Any, model: LinkModel) -> None:
         child(plane, "size", text=exact([20.0, 20.0]))
         if tag == "visual":
             child(child(part, "material"), "diffuse", text=exact(GREY))
+
+
+def write_sdf(task: ExportTask, *, sdf_version: str = "1.9") -> tuple[str, ...]:
+    """Fill a folder with a rig's SDF, and return warnings.
+
+    Args:
+        task: rig and folder
+        sdf_version: one of `VERSIONS`
+
+    Raises:
+        UnknownNameError: another version
+    """
+    version = check_version(sdf_version)
+    name = f"{model_name(task.model)}.world.sdf"
+    files = {
+        MODEL: sdf(task.model, version, task.meshes),
+        name: world(task.model, version, task.meshes),
+        "model.config": card(task.model, version, MODEL),
+        "README.md": _readme(task, version, name).encode(),
+    }
+    for file, data in files.items():
+        (task.folder / file).write_bytes(data)
+    write_meshes(task.meshes, task.folder / "meshes")
+    return (*left_out(task.rig), *_warnings(task.model, version))
+
+
+def coupled(model: LinkModel) -> list[LinkJoint]:
+    """Return the joints with a leader, except passive joints of loops."""
+    return [joint for joint in model.joints if joint.follows and not joint.in_loop]
+
+
+def _warnings(model: LinkModel, version: str) -> tuple[str, ...]:
+    loose = [
+        joint.name
+        for joint in coupled(model)
+        if version == "1.9" or (version == "1.7" and joint.kind == "prismatic")
+    ]
+    return (
+        (
+            f"SDF {version} cannot couple these joints, which move freely in Gazebo:"
+            f" {', '.join(loose)} (see README.md; --sdf-version 1.11 couples them)",
+        )
+        if loose
+        else ()
+    )
+
+
+def _readme(task: ExportTask, version: str, world_file: str) -> str:
+    model = task.model
+    loops = ", ".join(f"`{loop.name}_joint`" for loop in model.loops)
+    rows: list[tuple[str, str]] = []
+    for joint in coupled(model):
+        leads = " + ".join(f"{ratio:g} * {name}_joint" for name, ratio in joint.follows)
+        rows.append((f"{joint.name}_joint", leads))
+    how = {
+        "1.7": "Turning pairs are geared (`gearbox`); a slide that follows is free.",
+        "1.9": "Drake couples them (`drake:mimic`, discrete plants); in Gazebo they are free.",
+        "1.11": "Gazebo from Harmonic on couples them (`mimic`), with its bullet-featherstone.",
+    }[version]
+    table = markdown_table(("joint", "follows"), rows)
+    body = filled(
+        "sdf.md",
+        model=MODEL,
+        version=version,
+        world=world_file,
+        loops=filled("sdf_loops.md", names=loops) if loops else "",
+        couplings=filled("sdf_couplings.md", rows=table, how=how) if rows else "",
+        left_out="".join(f"\n- {text}." for text in left_out(task.rig)),
+    )
+    return readme(task, "sdf", body)
+
+
+def read_sdf(path: Path, packages: tuple[Path, ...] = ()) -> SourceModel:
+    """Read a model.
+
+    Args:
+        path: the file
+        packages: folders of packages, for package:// and model://
+
+    Raises:
+        ImportFileError: not exactly one model, an unknown element, a missing file
+        MissingExtraError: lxml or trimesh is not installed
+    """
+    root = read_xml(path)
+    if root.tag != "sdf":
+        raise root.fail("is not SDF; allowed: <sdf>")
+    root.check(("model", "world"))
+    models = root.children("model") + [
+        m for w in root.children("world") for m in w.children("model")
+    ]
+    if len(models) != 1:
+        raise root.fail(f"contains {len(models)} models; allowed: one")
+    version = root.attribute("version", "1.6")
+    numbers = re.match(r"(\d{1,3})\.(\d{1,3})", version)
+    if numbers is None:
+        raise root.fail(f"version: got {version[:40]!r}; allowed: two numbers, as in 1.7")
+    major, minor = map(int, numbers.groups())
+    return _SdfModel(models[0], str(path), (major, minor), packages).read(path)
+
+
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """A pose in the file, relative to the frame `to`."""
+
+    pose: Array
+    to: str
+
+
+class _SdfModel:
+    def __init__(
+        self, node: XmlNode, file: str, version: tuple[int, ...], packages: tuple[Path, ...]
+    ) -> None:
+        self._node, self._file = node, file
+        self._version = version
+        node.check((*MODEL_PARTS, *PASSED_OVER))
+        self._finder = MeshFinder(Path(file), packages)
+        self._still = {
+            joint.need("child").text()
+            for joint in node.children("joint")
+            if joint.attribute("type") == "fixed" and joint.need("parent").text() == WORLD
+        }
+        self._from_world = inverse(_own_pose(node))
+        self._places: dict[str, _Place] = {}
+        for link in node.children("link"):
+            self._place(link, "__model__")
+        for joint in node.children("joint"):
+            self._place(joint, joint.need("child").text())
+        for frame in node.children("frame"):
+            self._place(frame, frame.attribute("attached_to", "") or "__model__")
+
+    def _place(self, node: XmlNode, default: str) -> None:
+        pose = node.child("pose")
+        at = np.eye(4) if pose is None else _read_pose(pose)
+        to = default if pose is None else (pose.attribute("relative_to", "") or default)
+        name = node.attribute("name")
+        if name in self._places:
+            raise node.fail(f"has the duplicate name {name!r}")
+        self._places[name] = _Place(at, to)
+
+    def at(self, name: str, node: XmlNode, seen: tuple[str, ...] = ()) -> Array:
+        """Return T_model_frame of a named link, joint or frame, (4, 4)."""
+        if name == "__model__":
+            return np.eye(4)
+        if name == WORLD:
+            return self._from_world
+        if name in seen:
+            raise node.fail(f"poses of {', '.join(seen)} form a cycle")
+        if name not in self._places:
+            raise node.fail(f"names {name!r}; known: {', '.join(self._places)}")
+        place = self._places[name]
+        return self.at(place.to, node, (*seen, name)) @ place.pose
+
+    def read(self, path: Path) -> SourceModel:
+        """Return the model: a tree, and a closure for each further joint of a link."""
+        links = [self._link(node) for node in self._node.children("link")]
+        nodes = self._node.children("joint")
+        if any(node.need("parent").text() == WORLD for node in nodes):
+            links.insert(0, Link(WORLD))
+        tree: list[SourceJoint] = []
+        loops: list[LinkLoop] = []
+        warnings = [
+            f"{self._file}: <{tag}> is ignored"
+            for tag in sorted({n.tag for n in self._node.children() if n.tag in PASSED_OVER})
+        ]
+        taken: set[str] = set()
+        for node in nodes:
+            joint = self._joint(node)
+            if joint.child not in taken:
+                taken.add(joint.child)
+                tree.append(joint)
+                continue
+            at = self.at(joint.name, node)[:3, 3]
+            sides = [
+                inverse(self.at(name, node)) @ np.append(at, 1.0)
+                for name in (joint.parent, joint.child)
+            ]
+            loops.append(
+                LinkLoop(joint.name, joint.parent, sides[0][:3], joint.child, sides[1][:3])
+            )
+        try:
+            ordered, joints = as_tree(str(path), links, tree)
+        except ImportFileError as problem:
+            raise self._node.fail(str(problem).partition(": ")[2]) from problem
+        name = self._node.attribute("name")
+        return SourceModel(name, self._file, ordered, joints, tuple(loops), tuple(warnings))
+
+    def _link(self, node: XmlNode) -> Link:
+        node.check((*LINK_PARTS, *LINK_PASSED_OVER, "sensor", "light"))
+        shapes: list[Shape] = []
+        for visual in node.children("visual"):
+            geometry, material = visual.need("geometry"), _read_material(visual)
+            shapes.append(self._finder.visual(geometry, _own_pose(visual), material))
+        for collision in node.children("collision"):
+            geometry = collision.need("geometry")
+            shapes.append(self._finder.collision(geometry, _own_pose(collision)))
+        link = Link(node.attribute("name"), shapes=tuple(shapes))
+        inertial = node.child("inertial")
+        if inertial is None:  # the format's default; none for an empty link fixed to the world
+            nothing = not shapes and link.name in self._still
+            return link if nothing else replace(link, mass=1.0, inertia=np.eye(3))
+        at, values = _own_pose(inertial), inertial.child("inertia")
+        inertia = inertia_of(values, at[:3, :3], diagonal=1.0)
+        return replace(link, mass=inertial.number("mass", 1.0), com=at[:3, 3], inertia=inertia)
+
+    def _joint(self, node: XmlNode) -> SourceJoint:
+        node.check(("pose", "parent", "child", "axis", "physics", "sensor"))
+        kind, name = node.attribute("type"), node.attribute("name")
+        if kind not in KINDS:
+            raise node.fail(f"got the type {kind!r}; allowed: {', '.join(KINDS)}")
+        parent, child = node.need("parent").text(), node.need("child").text()
+        at_child, here = self.at(child, node), self.at(name, node)
+        pose = inverse(self.at(parent, node)) @ at_child
+        joint = SourceJoint(name, KINDS[kind], parent, child, pose)
+        if kind == "fixed":
+            return joint
+        axis = node.need("axis")
+        axis.check(("xyz", "limit", "dynamics", "use_parent_model_frame", "mimic"))
+        along = inverse(at_child)[:3, :3] @ self._axis(axis, here)
+        limit, limits = axis.child("limit"), (-np.inf, np.inf)
+        if limit is not None and kind != "continuous":
+            limits = _bound(limit.number("lower", -1e16)), _bound(limit.number("upper", 1e16))
+        joint = replace(joint, point=(inverse(at_child) @ here)[:3, 3])
+        return moving_joint(joint, axis, along, limits)
+
+    def _axis(self, axis: XmlNode, here: Array) -> Array:
+        """Return a joint's axis in the model's frame, (3,)."""
+        xyz = axis.child("xyz")
+        along = np.array([0.0, 0.0, 1.0]) if xyz is None else xyz.numbers(3)
+        if not np.linalg.norm(along) > 0.0:
+            raise axis.fail("has a length of 0; allowed: a direction")
+        named = "" if xyz is None else xyz.attribute("expressed_in", "")
+        if named:
+            return self.at(named, axis)[:3, :3] @ along
+        flag = axis.child("use_parent_model_frame")
+        in_model = flag is not None and flag.text() in ("1", "true")
+        return along if in_model or self._version < (1, 5) else here[:3, :3] @ along
+
+
+def _read_pose(node: XmlNode) -> Array:
+    values = node.numbers(6)
+    if node.attribute("degrees", "false") in ("1", "true"):
+        values[3:] = np.radians(values[3:])
+    return transform(matrix_from_rpy(*values[3:]), values[:3])
+
+
+def _own_pose(node: XmlNode) -> Array:
+    pose = node.child("pose")
+    return np.eye(4) if pose is None else _read_pose(pose)
+
+
+def _read_material(visual: XmlNode) -> str:
+    material = visual.child("material")
+    colour = None if material is None else (material.child("diffuse") or material.child("ambient"))
+    if colour is None:
+        return nearest_material(None)
+    return nearest_material(np.array([float(v) for v in colour.text().split()]))
+
+
+def _bound(value: float) -> float:
+    return float(np.sign(value) * np.inf) if abs(value) > INFINITE else value
+
+
+FORMAT = Format(
+    title="SDF: Gazebo, Drake",
+    order=20,
+    options="""
+        --sdf-version V = 1.9  sdf: format version, 1.7, 1.9 or 1.11
+    """,
+    suffixes=(".sdf",),
+    root="sdf",
+    write=write_sdf,
+    read=read_sdf,
+)

@@ -1,21 +1,21 @@
-"""A tree of links whose tip stands where the closed loops have it, for calibrated arms.
+"""Helper joints that place the tip of a calibrated arm in a tree of links.
 
 In a tree, passive joints follow a motor along straight lines (`links`), which a loop that is no
 parallelogram does not: the tip is off by millimetres. Here three helper joints behind the last
 passive joint follow the motor, too. With coordinates q, -2 q and q about x, and small fixed turns c
-about z between them, they turn their child about z by about 2 c cos(q), a curve that no straight
-line has. Where all of these joints stand is fitted to the tip.
+about z between them, they turn their child about z by about 2 c cos(q), which is not linear in q.
+The poses of all these joints are fitted to the tip.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
+from scipy import optimize  # pyright: ignore[reportMissingTypeStubs] - scipy has no types
 
 from trocar.descriptions.records import RigArm, RigDescription
 from trocar.formats.links import (
@@ -26,6 +26,7 @@ from trocar.formats.links import (
     helper_link,
     joint_motion,
     joint_values,
+    joints_above,
     line_error,
     link_name,
     link_poses,
@@ -38,24 +39,25 @@ from trocar.modeling.hinges import Hinge
 
 Array = NDArray[np.float64]
 
-#: Ratios of the helper joints to what they follow. Their sum is 0, so that they turn as much back.
+#: Ratios of the helper joints to their leader. Their sum is 0, so that their turns cancel.
 HELPERS = (1.0, -2.0, 1.0)
-#: First turns between the helpers, of which the better fit is kept. Source: our own choice, what a
-#: loop with sides off by 1 mm deviates from a straight line. [rad]
+#: Initial turns between the helpers, of which the better fit is kept [rad]. Source: our own choice,
+#: the deviation from a straight line of a loop with sides off by 1 mm.
 FIRST_TURNS = (0.02, -0.02)
-#: Weight of a joint's displacement from where the description has it against an error of the tip,
-#: of passive joints and of helpers. Source: measured on PSM and ECM with loops off by 1 mm: at a
-#: third of this the tip is 0.2 mm nearer and a passive link 25 mm off, instead of 3 mm.
+#: Weights of displacements of passive joints and of helpers against errors of the tip.
+#: Source: measured on PSM and ECM with loops off by 1 mm: at a third of this the tip is 0.2 mm
+#: nearer and a passive link 25 mm off, instead of 3 mm.
 KEPT, HELPER_KEPT = 3e-2, 1e-3
-#: Beside the tip and the shaft's beginning a point this far off the shaft is fitted, for the turn
-#: about it. Source: measured: 0.05 m leaves a tip turned by 16 mrad. [m]
+#: Distance from the shaft of a third fitted point, for the turn about the shaft [m].
+#: Source: measured: 0.05 m leaves a tip turned by 16 mrad.
 BESIDE = 0.2
-#: Joint vectors that are fitted. Source: measured: twice as many, twice as slow, bring the tip
+#: Number of joint vectors in the fit. Source: measured: twice as many, twice as slow, bring the tip
 #: nearer by 0.2 mm of 4 to 13 mm.
 FITTED = 128
-#: Steps of the fit. Source: measured: later ones improve the tip by less than 0.02 mm.
+#: Largest number of steps of the fit. Source: measured: later ones improve the tip by less than
+#: 0.02 mm.
 MOST_STEPS = 50
-#: From a frame to one whose z axis is its x axis.
+#: Pose of a frame whose z axis is the x axis.
 ALONG_X = transform(np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]), np.zeros(3))
 
 
@@ -83,7 +85,7 @@ class _Chain:
     Attributes:
         joints: passive joints and helpers
         leader: the joint that all of them follow
-        end: what follows the last of them (4, 4)
+        end: pose of the last link in the last helper's child, (4, 4)
     """
 
     joints: tuple[LinkJoint, ...]
@@ -125,11 +127,7 @@ def _displacement(x: Array) -> Array:
 def _fit(model: LinkModel, place: RigArm) -> LinkModel:
     mechanism = place.arm.mechanism
     tip = link_name(place.name, mechanism.tip)
-    above = {joint.child: joint for joint in model.joints}
-    chain: list[LinkJoint] = []
-    while (chain[-1].parent if chain else tip) in above:
-        chain.append(above[chain[-1].parent if chain else tip])
-    chain.reverse()
+    chain = joints_above(model.joints, tip)[::-1]
     passive = [joint for joint in chain if joint.in_loop]
     leaders = {name for joint in passive for name, _ in joint.follows}
     if len(leaders) != 1 or passive != chain[chain.index(passive[0]) :][: len(passive)]:
@@ -152,13 +150,16 @@ def _fit(model: LinkModel, place: RigArm) -> LinkModel:
         at = transform_points(start.poses(x, values[leader.name])[:, None], points)
         return np.concatenate([(at - expected).ravel(), kept * x])
 
-    fits = [least_squares(off, _first(start, turn), max_nfev=MOST_STEPS) for turn in FIRST_TURNS]
+    solver = cast(Any, optimize)
+    fits = [
+        solver.least_squares(off, _first(start, turn), max_nfev=MOST_STEPS) for turn in FIRST_TURNS
+    ]
     joints, end = start.moved(min(fits, key=lambda fit: fit.cost).x)
     return _with_helpers(model, place, joints, end)
 
 
 def _first(chain: _Chain, turn: float) -> Array:
-    """Return the parameters where helpers stand turned against each other."""
+    """Return initial parameters, with `turn` [rad] between helpers."""
     x = np.zeros(8 * len(chain.joints) + 6)
     x[-6 - 8 * (len(HELPERS) - 1) : -6].reshape(-1, 8)[:, 3] = turn
     return x
@@ -231,7 +232,7 @@ def _with_helpers(
 
 
 def _limited(joint: LinkJoint, leader: LinkJoint) -> LinkJoint:
-    """Return a joint that goes as far as what it follows takes it."""
+    """Return a joint with the limits that its leader's imply."""
     ratio = joint.follows[0][1]
     lower, upper = np.sort(joint.offset + ratio * np.array([leader.lower, leader.upper]))
     return replace(

@@ -1,41 +1,96 @@
-"""A rig as URDF: a tree of links, in which passive joints mimic those that motors move.
+"""URDF: a tree of links, in which passive joints mimic those with motors.
 
 Source: the specification of URDF (wiki.ros.org/urdf/XML), and MuJoCo's extension of it.
 """
 
 from __future__ import annotations
 
+import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
+from xml.sax.saxutils import escape
 
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar import __version__
 from trocar.descriptions.materials import MATERIALS
 from trocar.descriptions.meshes import Mesh
 from trocar.descriptions.records import Shape
-from trocar.formats.links import SHARE, SLACK, Link, LinkJoint, LinkModel, helper_link
-from trocar.formats.markup import child, document, element, number, numbers
-from trocar.geometry.rotations import rpy_from_matrix
+from trocar.errors import InputError
+from trocar.formats.folder import (
+    ExportTask,
+    filled,
+    left_out,
+    markdown_table,
+    readme,
+    write_meshes,
+)
+from trocar.formats.format import Format
+from trocar.formats.links import (
+    KINDS,
+    SHARE,
+    SLACK,
+    ImportFileError,
+    Link,
+    LinkJoint,
+    LinkModel,
+    SourceJoint,
+    SourceModel,
+    as_tree,
+    helper_link,
+    link_poses,
+    nearest_material,
+    without_capsule,
+)
+from trocar.formats.meshes import MeshFinder, seen_materials
+from trocar.formats.tip_chain import fit_tips
+from trocar.formats.xml_tree import (
+    XmlNode,
+    child,
+    document,
+    element,
+    inertia_of,
+    moving_joint,
+    number,
+    numbers,
+    read_xml,
+)
+from trocar.geometry.rotations import matrix_from_rpy, rpy_from_matrix
 from trocar.geometry.se3 import transform
 from trocar.modeling.geoms import capsule_about
 
 Array = NDArray[np.float64]
 
-#: What stands for no limit, as URDF wants a number [N m, N, rad/s, m/s]. Source: our own choice,
-#: beyond what anything here does.
+#: Limit of a joint without one, as URDF requires a number [N m, N, rad/s, m/s]. Source: our own
+#: choice, beyond every limit of the catalogue.
 UNLIMITED = 1000.0
-#: Between a joint's own name and that of the one that it is to stand behind.
+#: Separator of the leader's name, which comes first, and the joint's own.
 BEHIND = "_and_"
+#: Package names that are valid in ROS 1 and ROS 2. Source: REP 144, "Naming Rules".
+PACKAGE_NAME = re.compile(r"[a-z][a-z0-9_]+")
+#: Ratio of the camera's distance to the largest extent of the links' origins. Source: by eye.
+DISTANCE = 1.7
+DESCRIPTION_TOPIC = """Description Source: Topic
+      Description Topic:
+        Durability Policy: Transient Local
+        Reliability Policy: Reliable
+        Value: /robot_description"""
+
+PACKAGE_FILES = """
+| `package.xml`, `CMakeLists.txt` | a ROS package, for ROS 1 (catkin) and ROS 2 (ament) |"""
+#: Elements of other programs, which are ignored with a warning.
+PASSED_OVER = ("gazebo", "transmission", "mujoco")
 
 
 def urdf_tree(model: LinkModel) -> LinkModel:
-    """Return a model as URDF tells it: joints follow one other at most, and are sorted behind it.
+    """Return a model in which joints have one leader at most and are sorted behind it by name.
 
-    Source: measured with pinocchio 4.1.0, which reads `mimic` only of joints that it knows, in the
-    order in which urdfdom hands them out: by name.
+    Source: measured with pinocchio 4.1.0, which reads `mimic` only of joints before it in the order
+    of urdfdom: by name.
     """
     return leaders_first(single_leaders(model))
 
@@ -47,9 +102,9 @@ def urdf(
 
     Args:
         model: the rig
-        meshes: {mesh: where its file is}, such as "meshes/PSM1_yaw.obj" or
+        meshes: {mesh: its file}, such as "meshes/PSM1_yaw.obj" or
             "package://davinci/meshes/PSM1_yaw.obj"
-        friction: whether joints have dry friction, which Drake warns that it leaves out
+        friction: write dry friction, which Drake ignores with a warning
     """
     tree = urdf_tree(model)
     places = dict(meshes or {})
@@ -60,14 +115,14 @@ def urdf(
         child(material, "color", {"rgba": numbers(MATERIALS[name].rgba)})
     joints = {joint.child: joint for joint in tree.joints}
     for link in tree.links:
-        robot.append(_link(link, places))
+        robot.append(_link_element(link, places))
         if link.name in joints:
-            robot.append(_joint(joints[link.name], friction))
+            robot.append(_joint_element(joints[link.name], friction))
     return document(robot, model.title)
 
 
 def _for_mujoco(places: Iterable[str]) -> Any:
-    """Return MuJoCo's own element, which others pass over: keep every link and every shape."""
+    """Return MuJoCo's own element, ignored by others: keep every link and every shape."""
     named = next((place for place in places if "://" in place), "")
     found = {"strippath": "true", "meshdir": "meshes"} if named else {"strippath": "false"}
     mujoco = element("mujoco")
@@ -76,47 +131,35 @@ def _for_mujoco(places: Iterable[str]) -> Any:
     return mujoco
 
 
-def _link(link: Link, places: Mapping[Mesh, str]) -> Any:
+def _link_element(link: Link, places: Mapping[Mesh, str]) -> Any:
     made = element("link", {"name": link.name})
     if link.mass > 0.0:
         inertial = child(made, "inertial")
         child(inertial, "origin", {"xyz": numbers(link.com), "rpy": "0 0 0"})
         child(inertial, "mass", {"value": number(link.mass)})
-        child(inertial, "inertia", _inertia(link.inertia))
+        child(inertial, "inertia", _inertia_of(link.inertia))
     for shape in link.shapes:
         if shape.visible:
-            for part in _drawn(shape):
-                visual = _shape(made, "visual", part, places)
+            for part in without_capsule(shape):
+                visual = _add_shape(made, "visual", part, places)
                 child(visual, "material", {"name": shape.material})
     for shape in link.shapes:
         if shape.collide:
-            for part in _drawn(capsule_about(shape) if shape.hull == "capsule" else shape):
-                _shape(made, "collision", part, places)
+            for part in without_capsule(capsule_about(shape) if shape.hull == "capsule" else shape):
+                _add_shape(made, "collision", part, places)
     return made
 
 
-def _inertia(inertia: Array) -> dict[str, str]:
+def _inertia_of(inertia: Array) -> dict[str, str]:
     noise = 1e-15 * float(np.trace(inertia))
     pairs = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2),
              "izz": (2, 2)}  # fmt: skip
     return {key: numbers([inertia[at]], noise=noise) for key, at in pairs.items()}
 
 
-def _drawn(shape: Shape) -> Iterator[Shape]:
-    """Yield what a shape is made of in URDF, which knows no capsules."""
-    if shape.kind != "capsule":
-        yield shape
-        return
-    radius, half, _ = shape.size
-    yield replace(shape, kind="cylinder")
-    for end in (-half, half):
-        at = shape.pose @ transform(np.eye(3), np.array([0.0, 0.0, end]))
-        yield replace(shape, kind="sphere", pose=at, size=np.array([radius, 0.0, 0.0]))
-
-
-def _shape(link: Any, tag: str, shape: Shape, places: Mapping[Mesh, str]) -> Any:
+def _add_shape(link: Any, tag: str, shape: Shape, places: Mapping[Mesh, str]) -> Any:
     made = child(link, tag)
-    child(made, "origin", _origin(shape.pose))
+    child(made, "origin", _origin_of(shape.pose))
     geometry = child(made, "geometry")
     a, b, _ = shape.size
     if shape.mesh is not None:
@@ -130,13 +173,13 @@ def _shape(link: Any, tag: str, shape: Shape, places: Mapping[Mesh, str]) -> Any
     return made
 
 
-def _origin(pose: Array) -> dict[str, str]:
+def _origin_of(pose: Array) -> dict[str, str]:
     return {"xyz": numbers(pose[:3, 3]), "rpy": numbers(rpy_from_matrix(pose[:3, :3]))}
 
 
-def _joint(joint: LinkJoint, friction: bool) -> Any:
+def _joint_element(joint: LinkJoint, friction: bool) -> Any:
     made = element("joint", {"name": joint.name, "type": joint.kind})
-    child(made, "origin", _origin(joint.pose))
+    child(made, "origin", _origin_of(joint.pose))
     child(made, "parent", {"link": joint.parent})
     child(made, "child", {"link": joint.child})
     if joint.hinge is None:
@@ -157,9 +200,9 @@ def _joint(joint: LinkJoint, friction: bool) -> Any:
 
 
 def single_leaders(model: LinkModel) -> LinkModel:
-    """Return a model whose joints follow one joint at most: the others get a link of their own.
+    """Return a model whose joints have one leader at most.
 
-    A joint that follows two becomes two joints about the same axis, one behind the other; each has
+    A joint with two leaders becomes two joints about the same axis, one behind the other, each with
     the damping and the friction of the one. The link between them has a millionth of the mass.
     """
     links: list[Link] = []
@@ -206,12 +249,12 @@ def _split(model: LinkModel, joint: LinkJoint) -> Iterator[LinkJoint]:
 
 
 def leaders_first(model: LinkModel) -> LinkModel:
-    """Return a model in which sorting joints by name brings each behind the joint that it follows.
+    """Return a model in which each joint comes after its leader when joints are sorted by name.
 
-    Readers that sort the joints of a link by name, and then go down each branch, want to know a
-    joint before those that follow it. A joint whose branch comes too early is renamed: behind the
-    name of the branch that must come first comes its own. Joints that move on their own keep their
-    names, so a model in which two of them wait for one another stays as it is.
+    Some readers sort the joints of a link by name, go down each branch, and require leaders before
+    followers. A joint whose branch comes too early gets the name of the branch that must come first
+    in front of its own. Independent joints keep their names, so a model in which two of them wait
+    for one another stays as it is.
     """
     for _ in model.joints:
         renamed = dict(_to_rename(model))
@@ -224,7 +267,7 @@ def leaders_first(model: LinkModel) -> LinkModel:
 
 
 def _to_rename(model: LinkModel) -> Iterator[tuple[str, str]]:
-    """Yield (old, new) names of joints that come too early, at most one of each link's."""
+    """Yield (old, new) names of joints that come too early, at most one per parent link."""
     for joints in _branches(model).values():
         for joint in sorted(joints, key=lambda joint: joint.name):
             later = [other.name for other in joints if other.name > joint.name
@@ -235,7 +278,7 @@ def _to_rename(model: LinkModel) -> Iterator[tuple[str, str]]:
 
 
 def late_leaders(model: LinkModel) -> tuple[tuple[str, str], ...]:
-    """Return (follower, leader) of each joint that sorting by name brings ahead of its leader."""
+    """Return (follower, leader) of each joint that comes before its leader, sorted by name."""
     order: dict[str, int] = {}
     branches = _branches(model)
 
@@ -254,7 +297,7 @@ def late_leaders(model: LinkModel) -> tuple[tuple[str, str], ...]:
 
 
 def _branches(model: LinkModel) -> Mapping[str, list[LinkJoint]]:
-    """Return the joints that hang on each link."""
+    """Return the joints of each parent link."""
     found: dict[str, list[LinkJoint]] = defaultdict(list)
     for joint in model.joints:
         found[joint.parent].append(joint)
@@ -262,7 +305,7 @@ def _branches(model: LinkModel) -> Mapping[str, list[LinkJoint]]:
 
 
 def _waits_for(model: LinkModel, joint: LinkJoint, other: LinkJoint) -> bool:
-    """Tell whether a joint behind `joint`, or itself, follows one behind `other`, or itself."""
+    """Return whether `joint`, or one behind it, follows `other`, or one behind that."""
     mine, theirs = _behind(model, joint), {j.name for j in _behind(model, other)}
     return any(name in theirs for j in mine for name, _ in j.follows)
 
@@ -274,3 +317,250 @@ def _behind(model: LinkModel, root: LinkJoint) -> list[LinkJoint]:
             found.append(joint)
             reached.add(joint.child)
     return found
+
+
+def write_urdf(task: ExportTask, *, package: str = "", fit_tip: bool = False) -> tuple[str, ...]:
+    """Fill a folder with a rig's URDF, and return warnings.
+
+    Args:
+        task: rig and folder
+        package: name of the ROS package that the folder becomes; "" for relative paths
+        fit_tip: fit the chain of a calibrated arm to its tip
+
+    Raises:
+        InputError: invalid name of a ROS package
+    """
+    name = file_name(task.model.name)
+    if package and not PACKAGE_NAME.fullmatch(package):
+        raise InputError(
+            f"--package: got {package!r}; allowed: a lower-case letter, then lower-case letters,"
+            " digits and underscores (REP 144)"
+        )
+    if fit_tip:
+        task = replace(task, model=fit_tips(task.model, task.rig))
+    prefix = f"package://{package}/meshes" if package else "meshes"
+    places = {mesh: f"{prefix}/{stem}.obj" for mesh, stem in task.meshes.items()}
+    write_meshes(task.meshes, task.folder / "meshes", seen_materials(task.model))
+    _write(task.folder / f"{name}.urdf", urdf(task.model, places))
+    _write(task.folder / f"{name}_drake.urdf", urdf(task.model, places, friction=False))
+    _write(task.folder / "rviz" / "trocar.rviz", rviz_config(task.model, 1).encode())
+    _write(task.folder / "rviz" / "trocar_ros2.rviz", rviz_config(task.model, 2).encode())
+    _write(task.folder / "rviz" / "start.yaml", start_message(task.model).encode())
+    if package:
+        # Source: REP 149 (format 3), and the documentation of catkin and ament_cmake.
+        title = escape(task.model.title)
+        manifest = filled("package.xml", package=package, version=__version__, title=title)
+        _write(task.folder / "package.xml", manifest.encode())
+        _write(task.folder / "CMakeLists.txt", filled("CMakeLists.txt", package=package).encode())
+    warnings = _warnings(task, fit_tip)
+    _write(task.folder / "README.md", _readme(task, name, package, warnings).encode())
+    return warnings
+
+
+def file_name(name: str) -> str:
+    """Return the name of a rig's file: letters, digits, - and _."""
+    return re.sub(r"[^A-Za-z0-9_-]+", "_", name).strip("_") or "robot"
+
+
+def _write(path: Path, content: bytes) -> None:
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(content)
+
+
+def _warnings(task: ExportTask, fitted: bool) -> tuple[str, ...]:
+    found = list(left_out(task.rig))
+    how = "helper joints fit the chain to the tip" if fitted else "passive joints mimic linearly"
+    found += [
+        f"{arm}: its loops are not parallelograms, and no tree moves as they do: {how}; off by up"
+        f" to {1e3 * error.tip:.3f} mm and {1e3 * error.tip_angle:.2f} mrad at the tip,"
+        f" {1e3 * error.worst:.3f} mm at {error.frame}"
+        + ("" if fitted else " (--fit-tip fits the chain to the tip)")
+        for arm, error in task.model.line_errors.items()
+    ]
+    if fitted and not task.model.line_errors:
+        found.append("--fit-tip: nothing to fit, for all loops are parallelograms")
+    found += [
+        f"{follower} mimics {leader}, later in alphabetical order: pinocchio rejects this"
+        for follower, leader in late_leaders(urdf_tree(task.model))
+    ]
+    return tuple(found)
+
+
+def _readme(task: ExportTask, name: str, package: str, warnings: tuple[str, ...]) -> str:
+    joints = [
+        (joint.arm, joint.hinge.joint.name, f"`{joint.name}`", f"{joint.hinge.weight:g}")
+        for joint in task.model.joints
+        if joint.hinge is not None and joint.hinge.joint is not None
+    ]
+    body = filled(
+        "urdf.md",
+        name=name,
+        package_files=PACKAGE_FILES if package else "",
+        package_dirs="[Path.cwd().parent]" if package else '["."]',
+        drake=f'parser.package_map().Add("{package}", ".")\n' if package else "",
+        rviz=filled("rviz.md", name=name).strip()
+        if package
+        else "RViz finds meshes in ROS packages only: export with `--package NAME`.",
+        joints=markdown_table(("arm", "joint", "is the URDF's", "times"), joints),
+        warnings="".join(f"\n- {text}" for text in warnings)
+        and "\n## Warnings\n" + "".join(f"\n- {text}" for text in warnings),
+    )
+    return readme(task, "urdf", body)
+
+
+def rviz_config(model: LinkModel, ros: int) -> str:
+    """Return a view of a rig for RViz.
+
+    Source: a file saved by RViz 1.14 (ROS 1), reduced; rviz_default_plugins for names in ROS 2.
+
+    Args:
+        model: the rig
+        ros: version of ROS, 1 or 2, which have different names of classes
+    """
+    places = link_poses(model, model.start)
+    at = np.array([places[link.name][:3, 3] for link in model.links if link.arm])
+    low, high = at.min(axis=0), at.max(axis=0)
+    x, y, z = 0.5 * (low + high)
+    plugin = "rviz" if ros == 1 else "rviz_default_plugins"
+    source = "Robot Description: robot_description" if ros == 1 else DESCRIPTION_TOPIC
+    return filled(
+        "view.rviz",
+        panel="rviz" if ros == 1 else "rviz_common",
+        plugin=plugin,
+        source=source,
+        floor=f"{min(pose[2, 3] for pose in places.values()):.4g}",
+        x=f"{x:.4g}",
+        y=f"{y:.4g}",
+        z=f"{z:.4g}",
+        distance=f"{DISTANCE * float((high - low).max()) + 0.3:.4g}",
+    )
+
+
+def start_message(model: LinkModel) -> str:
+    """Return a sensor_msgs/JointState of the pose "start", in YAML."""
+    tree = urdf_tree(model)
+    own = [joint.name for joint in tree.joints if joint.kind != "fixed" and not joint.follows]
+    values = ", ".join(f"{tree.start[name] + 0.0:.6g}" for name in own)
+    names = ", ".join(own)
+    return f"header: auto\nname: [{names}]\nposition: [{values}]\nvelocity: []\neffort: []\n"
+
+
+def read_urdf(path: Path, packages: tuple[Path, ...] = ()) -> SourceModel:
+    """Read a robot.
+
+    Args:
+        path: the file
+        packages: folders of packages, for package://; those above the file are searched too
+
+    Raises:
+        ImportFileError: not a tree, an unknown element, a missing file
+        MissingExtraError: lxml or trimesh is not installed
+    """
+    root = read_xml(path)
+    root.check(("link", "joint", "material", *PASSED_OVER))
+    colours = {m.attribute("name"): _read_colour(m) for m in root.children("material")}
+    finder = MeshFinder(path, packages)
+    links = [_read_link(node, colours, finder) for node in root.children("link")]
+    joints = [_read_joint(node) for node in root.children("joint")]
+    tree, order = as_tree(str(path), links, joints)
+    _check_mimics(str(path), order)
+    passed = sorted({n.tag for n in root.children() if n.tag in PASSED_OVER})
+    warnings = tuple(f"{path}: <{tag}> is ignored" for tag in passed)
+    return SourceModel(root.attribute("name"), str(path), tree, order, (), warnings)
+
+
+def _read_colour(node: XmlNode) -> Array | None:
+    node.check(("color", "texture"))
+    colour = node.child("color")
+    return None if colour is None else colour.numbers(4, colour.attribute("rgba"))
+
+
+def _read_link(node: XmlNode, colours: dict[str, Array | None], finder: MeshFinder) -> Link:
+    node.check(("inertial", "visual", "collision", *PASSED_OVER))
+    shapes: list[Shape] = []
+    for visual in node.children("visual"):
+        visual.check(("origin", "geometry", "material"))
+        material = visual.child("material")
+        rgba = None
+        if material is not None:
+            name = material.attribute("name", "")
+            own = _read_colour(material)
+            rgba = colours.setdefault(name, own) if own is None else own
+            colours[name] = rgba if name else None
+        geometry = visual.need("geometry")
+        shapes.append(finder.visual(geometry, _read_origin(visual), nearest_material(rgba)))
+    for collision in node.children("collision"):
+        collision.check(("origin", "geometry", "verbose"))
+        shapes.append(finder.collision(collision.need("geometry"), _read_origin(collision)))
+    inertial = node.child("inertial")
+    link = Link(node.attribute("name"), shapes=tuple(shapes))
+    if inertial is None:
+        return link
+    inertial.check(("origin", "mass", "inertia"))
+    at, mass = _read_origin(inertial), inertial.need("mass").number("value")
+    inertia = inertia_of(inertial.need("inertia"), at[:3, :3])
+    return replace(link, mass=mass, com=at[:3, 3], inertia=inertia)
+
+
+def _read_origin(node: XmlNode) -> Array:
+    origin = node.child("origin")
+    if origin is None:
+        return np.eye(4)
+    turn = matrix_from_rpy(*origin.figures("rpy", 3, (0, 0, 0)))
+    return transform(turn, origin.figures("xyz", 3, (0, 0, 0)))
+
+
+def _read_joint(node: XmlNode) -> SourceJoint:
+    known = ("origin", "parent", "child", "axis", "limit", "dynamics", "mimic")
+    node.check((*known, "calibration", "safety_controller"))
+    kind = node.attribute("type")
+    if kind not in KINDS:
+        raise node.fail(f"got the type {kind!r}; allowed: {', '.join(KINDS)}")
+    joint = SourceJoint(
+        node.attribute("name"),
+        KINDS[kind],
+        node.need("parent").attribute("link"),
+        node.need("child").attribute("link"),
+        _read_origin(node),
+    )
+    if kind == "fixed":
+        return joint
+    axis = node.child("axis")
+    along = np.array([1.0, 0.0, 0.0]) if axis is None else axis.figures("xyz", 3, (1, 0, 0))
+    if not np.linalg.norm(along) > 0.0:
+        raise (axis or node).fail("has an axis of length 0; allowed: a direction")
+    limit, limits = node.child("limit"), (-np.inf, np.inf)
+    if limit is not None and kind != "continuous":
+        limits = limit.number("lower", 0.0), limit.number("upper", 0.0)
+    elif kind != "continuous":
+        raise node.fail("lacks <limit>, required for a revolute or prismatic joint")
+    return moving_joint(joint, node, along, limits)
+
+
+def _check_mimics(file: str, joints: tuple[SourceJoint, ...]) -> None:
+    by_name = {joint.name: joint for joint in joints}
+    for joint in joints:
+        if joint.follows and joint.follows[0] not in by_name:
+            raise ImportFileError(
+                file, f"joint {joint.name!r} mimics {joint.follows[0]!r}, which does not exist"
+            )
+        seen, lead = {joint.name}, joint.follows
+        while lead is not None:
+            if lead[0] in seen:
+                raise ImportFileError(file, f"joint {joint.name!r} mimics itself")
+            seen.add(lead[0])
+            lead = by_name[lead[0]].follows
+
+
+FORMAT = Format(
+    title="URDF: ROS, RViz, pinocchio, Drake, MuJoCo, yourdfpy",
+    order=10,
+    options="""
+        --package NAME  urdf: write a ROS package NAME
+        --fit-tip       urdf of a calibrated arm: add helper joints that fit the chain to its tip
+    """,
+    suffixes=(".urdf",),
+    root="robot",
+    write=write_urdf,
+    read=read_urdf,
+)

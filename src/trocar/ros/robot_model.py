@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from trocar.descriptions.records import DISPLAY, RigArm, RigDescription
 from trocar.formats.links import LinkModel, own_joints, rig_links
-from trocar.formats.mesh_files import mesh_files, mesh_names, seen_materials
+from trocar.formats.meshes import mesh_files, mesh_names, seen_materials
 from trocar.formats.urdf import urdf
 from trocar.kinematics.forward import coordinates, pose
 

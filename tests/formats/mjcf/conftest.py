@@ -1,4 +1,4 @@
-"""What the tests of standalone MJCF share: every arm and rig, and what MuJoCo warns of."""
+"""Fixtures for tests of standalone MJCF: every arm and rig, and MuJoCo's warnings."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 from trocar.descriptions import load_arm, load_rig, names
 from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.descriptions.records import RigDescription
-from trocar.formats.mesh_files import obj
+from trocar.formats.meshes import obj
 from trocar.formats.mjcf import POSITION, Variant, mjcf_document
 
 #: The Si arms are serial chains without masses (their [[missing]] says so).
@@ -57,7 +57,7 @@ def lxml() -> None:
 
 @pytest.fixture
 def complaints() -> Iterator[list[str]]:
-    """Return what MuJoCo has warned of since the test began."""
+    """Return MuJoCo's warnings since the test began."""
     warnings: list[str] = []
     mujoco.set_mju_user_warning(warnings.append)
     yield warnings

@@ -25,7 +25,7 @@ PENDULUMS = 61
 
 
 def shake(model: mujoco.MjModel, seconds: float, rng: np.random.Generator) -> float:
-    """Return how far loops gaped [m].
+    """Return the largest loop error [m].
 
     Raises:
         RuntimeError: MuJoCo warned, or a position is not finite

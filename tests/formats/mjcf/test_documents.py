@@ -312,7 +312,7 @@ def test_a_movable_prop_may_have_a_mesh():
 
 
 def meet(one: tuple[int, int], other: tuple[int, int]) -> bool:
-    """Tell whether two geoms touch by MuJoCo's rule, each by (contype, conaffinity)."""
+    """Return whether two geoms touch by MuJoCo's rule, each by (contype, conaffinity)."""
     return bool(one[0] & other[1] or other[0] & one[1])
 
 

@@ -83,7 +83,7 @@ def moved(
 
 
 def apart_from_the_simulation(rig: RigDescription, model: mujoco.MjModel) -> float:
-    """Return how far frames come apart along the test sine, in a world and in a file."""
+    """Return the largest distance of frames between a world and a file, along the test sine."""
     world = World(rig, gravity_compensation=False, dynamics="cad")
     sine, start, table = sine_of(rig)
     for arm, q in sine.start.items():
@@ -109,7 +109,7 @@ def test_the_file_with_the_simulations_servos_moves_as_the_simulation(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["psm", "ecm", "mtm", "suj_two_psm_ecm"])
 def test_the_file_that_takes_positions_moves_as_position_servos_without_weight(name):
-    """What position servos do is held against the simulation's in test_position_servos."""
+    """Position servos are compared with the simulation's in test_position_servos."""
     rig = load_rig(name)
     _, start, table = sine_of(rig)
     table[..., 1] = 0.0

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from tests.ros.ros1.robot_os import SYSTEM_PYTHON, Master, Simulator, need, until
 from trocar.descriptions import load_rig
-from trocar.formats.exports.urdf import rviz_config
 from trocar.formats.links import rig_links
+from trocar.formats.urdf import rviz_config
 
 PUBLISHER = "/usr/lib/robot_state_publisher/robot_state_publisher"
 CLIENT = Path(__file__).parents[2] / "clients" / "rospy" / "move.py"

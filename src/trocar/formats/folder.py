@@ -1,4 +1,4 @@
-"""The task of an export, and what all formats share: meshes and READMEs."""
+"""The folder of an export: its task, meshes, and the README that all formats share."""
 
 from __future__ import annotations
 
@@ -11,24 +11,9 @@ from trocar import __version__
 from trocar.descriptions.meshes import Mesh
 from trocar.descriptions.records import RigDescription
 from trocar.formats.links import LinkModel
-from trocar.formats.mesh_files import mesh_files
+from trocar.formats.meshes import mesh_files
 
 TEMPLATES = Path(__file__).with_name("templates")
-
-
-@dataclass(frozen=True)
-class ExportOptions:
-    """Options that only some formats take.
-
-    Attributes:
-        package: URDF: name of the ROS package that the folder becomes; "" for relative paths
-        fit_tip: URDF: fit the chain of a calibrated arm to its tip
-        sdf_version: SDF: "1.9", "1.7" or "1.11"
-    """
-
-    package: str = ""
-    fit_tip: bool = False
-    sdf_version: str = "1.9"
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,34 +24,19 @@ class ExportTask:
         model: the rig as links and joints
         rig: the rig
         folder: an empty folder, that of the export once all is written
-        meshes: {mesh: its name in files, without folder and ending}, each different from the others
-        options: of the export
+        meshes: {mesh: its name in files, without folder and ending}; equal meshes share theirs
+        draw: writes a picture of a rig as PNG; None: the caller cannot draw
     """
 
     model: LinkModel
     rig: RigDescription
     folder: Path
     meshes: Mapping[Mesh, str]
-    options: ExportOptions
-
-
-@dataclass(frozen=True)
-class Format:
-    """A format.
-
-    Attributes:
-        title: for people
-        write: fills the task's folder and returns warnings
-        takes: names of the `ExportOptions` that it uses
-    """
-
-    title: str
-    write: Callable[[ExportTask], tuple[str, ...]]
-    takes: tuple[str, ...] = ()
+    draw: Callable[[RigDescription, Path], None] | None = None
 
 
 def left_out(rig: RigDescription) -> tuple[str, ...]:
-    """Return what a file of one robot, all of whose links hang together, does not have."""
+    """Return the parts of a rig that a file of one tree of links omits, a sentence each."""
     found: list[str] = []
     if names := ", ".join(prop.name for prop in rig.objects):
         found.append(f"what can be moved is not in the file: {names} (mjcf has it)")
@@ -79,7 +49,7 @@ def left_out(rig: RigDescription) -> tuple[str, ...]:
 
 
 def scripts_left_out(rig: RigDescription) -> tuple[str, ...]:
-    """Return which Python files of a rig act in this program only."""
+    """Return the Python files of a rig that act in this program only, a sentence each."""
     found = [
         f"the script of {prop.name} is not in the file: {Path(prop.script).name}"
         for prop in rig.objects
@@ -97,8 +67,8 @@ def write_meshes(
 
     Args:
         meshes: {mesh: its name}
-        folder: where; is made when there is a mesh
-        materials: as `mesh_files` takes them
+        folder: target folder, made if there is a mesh
+        materials: those of `mesh_files`
     """
     for name, content in mesh_files(meshes, materials).items():
         folder.mkdir(parents=True, exist_ok=True)
@@ -112,7 +82,7 @@ def filled(template: str, **values: object) -> str:
 
 
 def readme(task: ExportTask, format: str, body: str) -> str:  # noqa: A002 - what the option is called
-    """Return a README in Markdown: what all formats say around the sections of one."""
+    """Return a README in Markdown: the sections of one format between those of all."""
     model = task.model
     rows: list[Sequence[str]] = []
     for place in task.rig.arms:

@@ -11,7 +11,7 @@ import pytest
 from trocar.descriptions import load_rig
 from trocar.descriptions.records import RigDescription
 from trocar.errors import InputError
-from trocar.formats.importers import ImportOptions, import_file
+from trocar.formats.importing import ImportOptions, import_file
 from trocar.simulation import World
 
 trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed (extra convex)")

@@ -12,7 +12,7 @@ import pytest
 
 from trocar.descriptions import load_arm
 from trocar.errors import UnknownNameError
-from trocar.formats.exports import ExportOptions, export, find_rig
+from trocar.formats.export import export, find_rig
 from trocar.kinematics.forward import pose
 
 etree = pytest.importorskip("lxml.etree", reason="lxml is not installed (extra: export)")
@@ -35,7 +35,7 @@ def test_every_mesh_that_a_file_names_lies_beside_it_and_no_other(name, tmp_path
 
 @pytest.mark.parametrize("version", ["1.7", "1.9", "1.11"])
 def test_the_version_is_the_one_asked_for(version, tmp_path) -> None:
-    done = export(find_rig("ecm"), "sdf", tmp_path / "ecm", ExportOptions(sdf_version=version))
+    done = export(find_rig("ecm"), "sdf", tmp_path / "ecm", {"sdf_version": version})
     for file in ("model.sdf", "ecm.world.sdf"):
         assert etree.parse(done.folder / file).getroot().get("version") == version
     assert not done.warnings  # an ECM has no coupling that is no loop
@@ -50,14 +50,14 @@ def test_the_version_is_the_one_asked_for(version, tmp_path) -> None:
     ],
 )
 def test_what_gazebo_lets_go_is_a_warning(version, loose, tmp_path) -> None:
-    done = export(find_rig("psm"), "sdf", tmp_path / "psm", ExportOptions(sdf_version=version))
+    done = export(find_rig("psm"), "sdf", tmp_path / "psm", {"sdf_version": version})
     assert len(done.warnings) == bool(loose)
     assert not loose or loose in done.warnings[0]
 
 
 def test_an_unknown_version_is_refused_and_nothing_is_written(tmp_path) -> None:
     with pytest.raises(UnknownNameError, match=r"unknown SDF version '2.0'"):
-        export(find_rig("ecm"), "sdf", tmp_path / "ecm", ExportOptions(sdf_version="2.0"))
+        export(find_rig("ecm"), "sdf", tmp_path / "ecm", {"sdf_version": "2.0"})
     assert not list(tmp_path.iterdir())
 
 
@@ -84,7 +84,7 @@ def test_the_world_is_valid_wherever_it_lies(tmp_path) -> None:
     assert done.stdout.strip() == "Valid."
 
 
-PAGE = (Path(__file__).parents[3] / "docs" / "exports.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[2] / "docs" / "exports.md").read_text(encoding="utf-8")
 
 
 def test_drake_simulates_the_exported_arm_with_its_loops(tmp_path, monkeypatch, capsys) -> None:

@@ -19,7 +19,7 @@ Body = tuple[float, Array, Array]
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """What a library made of a file.
+    """A file as a library reads it.
 
     Attributes:
         bodies: {link: (mass [kg], centre of mass (3,) [m], inertia about it (3, 3) [kg m^2])}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from trocar.formats.markup import child, document, element, number, numbers
+from trocar.formats.xml_tree import child, document, element, number, numbers
 
 pytest.importorskip("lxml", reason="exports need the extra 'export'")
 

@@ -1,4 +1,4 @@
-"""A robot as frames, couplings and loops of ours: the mechanism that its file means."""
+"""A model that was read, as a mechanism: frames, couplings and closures."""
 
 from __future__ import annotations
 
@@ -9,49 +9,55 @@ from itertools import zip_longest
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.formats.importers.model import ImportFileError, LoopPoint, ModelJoint, SourceModel
+from trocar.formats.links import (
+    ImportFileError,
+    LinkLoop,
+    SourceJoint,
+    SourceModel,
+    joints_above,
+)
 from trocar.geometry.se3 import inverse, transform
 from trocar.kinematics.loops import residual_jacobian, residuals
 from trocar.kinematics.mechanism import Closure, Frame, Joint, Mechanism
 
 Array = NDArray[np.float64]
 
-#: A turn without limits goes so far both ways [rad]; a slide without limits so far [m]. Source: our
-#: own choice.
+#: Limit, both ways, of a revolute [rad] or prismatic joint [m] without limits. Source: our own
+#: choice.
 ENDLESS = {"revolute": 2.0 * np.pi, "prismatic": 10.0}
-#: Largest loop error where the file's coordinates are 0 [m]. Source: our own choice: files
-#: with six decimals close to that.
+#: Largest loop error where the file's coordinates are 0 [m]. Source: our own choice, for files with
+#: six decimals.
 GAP_M = 1e-5
-#: A ratio so near to a whole number is one. Source: our own choice.
+#: Largest deviation of a ratio from a whole number to which it is rounded. Source: our own choice.
 WHOLE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class MechanismLayout:
-    """Frames and what moves them.
+    """The mechanism of a model.
 
     Attributes:
         mechanism: joints, frames and closures
         carrier: {link: (frame that its bodies move with, T_frame_link (4, 4))}
-        sources: {joint of ours: the file's}
-        warnings: what the user should know
+        sources: {public joint: the file's}
+        warnings: parts of the file that were changed
     """
 
     mechanism: Mechanism
     carrier: Mapping[str, tuple[str, Array]]
-    sources: Mapping[str, ModelJoint]
+    sources: Mapping[str, SourceJoint]
     warnings: tuple[str, ...]
 
 
 def lay_out(model: SourceModel, passive: Sequence[str] = ()) -> MechanismLayout:
-    """Return the mechanism that a model means.
+    """Return the mechanism of a model.
 
     Args:
         model: links, joints and loops
-        passive: joints that loops determine; chosen where none are named
+        passive: joints that loops determine; (): chosen
 
     Raises:
-        ImportFileError: a loop that is open, or that has no two joints to determine; no joint moves
+        ImportFileError: an open loop, a loop without two passive joints, or no independent joint
     """
     warnings: list[str] = []
     joints = [_limited(joint, warnings) for joint in model.joints]
@@ -87,7 +93,7 @@ def lay_out(model: SourceModel, passive: Sequence[str] = ()) -> MechanismLayout:
     return MechanismLayout(mechanism, carrier, sources, tuple(warnings))
 
 
-def _limited(joint: ModelJoint, warnings: list[str]) -> ModelJoint:
+def _limited(joint: SourceJoint, warnings: list[str]) -> SourceJoint:
     """Return a joint with finite limits, or a fixed one where they leave no room."""
     if joint.kind == "fixed":
         return joint
@@ -104,7 +110,7 @@ def _limited(joint: ModelJoint, warnings: list[str]) -> ModelJoint:
 
 
 def _frames(
-    joint: ModelJoint, couplings: tuple[tuple[str, float], ...], offset: float
+    joint: SourceJoint, couplings: tuple[tuple[str, float], ...], offset: float
 ) -> tuple[list[Frame], Array]:
     """Return the frames of a joint's child, the moving one first, and T_moving_child."""
     if joint.kind == "fixed":
@@ -125,9 +131,9 @@ def _frames(
 
 
 def _coupling(
-    joint: ModelJoint, by_name: Mapping[str, ModelJoint], held: set[str]
+    joint: SourceJoint, by_name: Mapping[str, SourceJoint], held: set[str]
 ) -> tuple[tuple[tuple[str, float], ...], float]:
-    """Return what a joint's coordinate follows, and its offset; loops are filled in later."""
+    """Return a joint's couplings and offset; those of passive joints follow from the loops."""
     if joint.kind == "fixed" or joint.name in held:
         return (), 0.0
     ratio, offset, name = 1.0, 0.0, joint.name
@@ -139,10 +145,9 @@ def _coupling(
 
 
 def _passive(
-    model: SourceModel, joints: Sequence[ModelJoint], named: Sequence[str]
+    model: SourceModel, joints: Sequence[SourceJoint], named: Sequence[str]
 ) -> dict[str, tuple[str, str]]:
-    """Choose the two joints that each loop determines: those nearest to it without a motor."""
-    above = {joint.child: joint for joint in joints}
+    """Return two passive joints per loop, those nearest to its closure without a motor."""
     known = [joint.name for joint in joints if joint.kind != "fixed"]
     for name in named:
         if name not in known:
@@ -152,7 +157,7 @@ def _passive(
     found: dict[str, tuple[str, str]] = {}
     taken: set[str] = set()
     for loop in model.loops:
-        sides = [_above(link, above) for link in (loop.link_a, loop.link_b)]
+        sides = [joints_above(joints, link) for link in (loop.link_a, loop.link_b)]
         shared = {joint.name for joint in sides[0]} & {joint.name for joint in sides[1]}
         ring = [j for pair in zip_longest(*sides) for j in pair if j and j.name not in shared]
         free = [j for j in ring if j.kind != "fixed" and j.name not in taken]
@@ -169,17 +174,8 @@ def _passive(
     return found
 
 
-def _above(link: str, above: Mapping[str, ModelJoint]) -> list[ModelJoint]:
-    """Return the joints from a link up to the root."""
-    found: list[ModelJoint] = []
-    while link in above:
-        found.append(above[link])
-        link = above[link].parent
-    return found
-
-
 def _closure(
-    loop: LoopPoint, carrier: Mapping[str, tuple[str, Array]], passive: tuple[str, ...]
+    loop: LinkLoop, carrier: Mapping[str, tuple[str, Array]], passive: tuple[str, ...]
 ) -> Closure:
     (frame_a, at_a), (frame_b, at_b) = carrier[loop.link_a], carrier[loop.link_b]
     return Closure(

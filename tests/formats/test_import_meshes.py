@@ -12,11 +12,11 @@ pytest.importorskip("trimesh", reason="trimesh is not installed (extra convex)")
 
 import trimesh
 
-from tests.formats.importers.texts import SDF, URDF
+from tests.formats.texts import SDF, URDF
 from trocar.descriptions import load_arm, meshes
 from trocar.errors import DescriptionError, InputError
-from trocar.formats.importers import import_file
-from trocar.formats.importers.meshes import load_surface
+from trocar.formats.importing import import_file
+from trocar.formats.meshes import load_surface
 
 BOX = '<box size="0.2 0.2 0.1"/>'
 #: As git stores a large file. Source: git-lfs docs/spec.md.

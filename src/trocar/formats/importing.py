@@ -1,4 +1,4 @@
-"""Robots and objects as arms and props of ours: judged, and written whole or not at all."""
+"""Import: robots and objects as arms and props, checked, and written whole or not at all."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from numpy.typing import NDArray
 from trocar.descriptions import load_arm
 from trocar.descriptions.inertial import apparent_inertias
 from trocar.descriptions.meshes import Mesh
+from trocar.descriptions.records import Shape
 from trocar.descriptions.shapes import impossible
 from trocar.descriptions.table import toml_text
 from trocar.errors import InputError
-from trocar.formats.importers.mechanism import MechanismLayout, lay_out
-from trocar.formats.importers.meshes import FORMATS, check_size, hull_of, load_surface, solid_of
-from trocar.formats.importers.mjcf import read_mjcf
-from trocar.formats.importers.model import (
-    ImportFileError,
-    LinkShape,
-    SourceLink,
-    SourceModel,
-    mesh_shape,
+from trocar.formats.format import formats
+from trocar.formats.links import ImportFileError, Link, SourceModel, mesh_shape
+from trocar.formats.mechanism import MechanismLayout, lay_out
+from trocar.formats.meshes import (
+    SUFFIXES,
+    check_size,
+    hull_of,
+    load_surface,
+    obj_text,
+    solid_of,
 )
-from trocar.formats.importers.sdf import read_sdf
-from trocar.formats.importers.urdf import read_urdf
-from trocar.formats.importers.xml_tree import read_xml
+from trocar.formats.xml_tree import read_xml
 from trocar.geometry.rotations import rpy_from_matrix
 from trocar.inputs import is_file
 from trocar.kinematics.mechanism import Frame
@@ -39,11 +39,14 @@ from trocar.outputs import check_folder, whole_folder
 Array = NDArray[np.float64]
 Kind = Literal["arm", "prop"]
 
+#: Endings of files in any XML format; the root element decides.
+ANY_XML = (".urdf", ".xml", ".mjcf")
+#: {unit of a mesh's numbers: metres}
 UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254}
 #: Density of a mesh whose mass is not given [kg/m^3]. Source: our own choice: hard plastic.
 DENSITY = 1200.0
-#: How fast the servos of an imported arm are [rad/s]: gains P = I w^2, D = 2 I w. Source: our own
-#: choice, slow enough for any arm at 1 ms.
+#: Natural frequency of the servos of an imported arm [rad/s]: gains P = I w^2, D = 2 I w.
+#: Source: our own choice, slow enough for any arm at 1 ms.
 SERVO_RATE = 30.0
 
 
@@ -52,12 +55,12 @@ class ImportOptions:
     """Options of an import.
 
     Attributes:
-        name: of the arm or prop; the file's own when empty
-        kind: arm, prop, or what the file looks like when None
-        unit: of a mesh's numbers
-        mass: of a mesh [kg]; from DENSITY when None
-        hull: take the convex hull of a mesh
-        packages: folders that hold what package:// names
+        name: name of the arm or prop; "": that of the file
+        kind: None: an arm if it has moving joints, else a prop
+        unit: unit of a mesh's numbers
+        mass: mass of a mesh [kg]; None: from DENSITY
+        hull: import the convex hull of a mesh
+        packages: folders of packages, for package://
         passive: joints that loops determine
         overwrite: replace existing files
     """
@@ -77,12 +80,12 @@ class Imported:
     """An imported arm or prop.
 
     Attributes:
-        name, kind: what it is now
+        name, kind: those of the description
         file: the TOML file
-        joints: its public joints
-        links, triangles, pieces: how many links, triangles and colliding convex pieces
-        mass: [kg]
-        warnings: what was mended or passed over
+        joints: names of its public joints
+        links, triangles, pieces: numbers of links, visible triangles and colliding shapes
+        mass: total [kg]
+        warnings: parts of the file that were changed or ignored
     """
 
     name: str
@@ -99,7 +102,7 @@ class Imported:
 def import_file(
     path: str | Path, folder: str | Path, options: ImportOptions | None = None
 ) -> Imported:
-    """Turn a file into a folder with an arm's or a prop's TOML and meshes.
+    """Convert a file to a folder with the TOML and the meshes of an arm or a prop.
 
     Args:
         path: URDF, SDF, MJCF, or a mesh (OBJ, STL, PLY, glTF, DAE)
@@ -151,7 +154,7 @@ def import_file(
         str(target / f"{name}.toml"),
         joints,
         len(model.links),
-        sum(len(s.shape.mesh.faces) for s in shapes if s.shape.mesh is not None and s.visible),
+        sum(len(s.mesh.faces) for s in shapes if s.mesh is not None and s.visible),
         sum(s.collide for s in shapes),
         float(sum(body.mass for body in bodies)),
         tuple(warnings),
@@ -162,21 +165,21 @@ def _read(path: Path, options: ImportOptions) -> SourceModel:
     if not is_file(path):
         raise ImportFileError(str(path), "no such file")
     suffix = path.suffix.lower()
-    if suffix in FORMATS:
+    if suffix in SUFFIXES:
         return _object(path, options)
-    if suffix == ".sdf":
-        return read_sdf(path, options.packages)
-    if suffix in (".urdf", ".xml", ".mjcf"):
+    known = [(one, one.read) for one in formats().values() if one.read is not None]
+    if suffix in ANY_XML:
         root = read_xml(path)
-        if root.tag == "robot":
-            return read_urdf(path, options.packages)
-        if root.tag == "sdf":
-            return read_sdf(path, options.packages)
-        if root.tag == "mujoco":
-            return read_mjcf(path)
-        raise root.fail("is not a robot; allowed: <robot>, <sdf>, <mujoco>")
-    allowed = ", ".join((".urdf", ".sdf", ".xml", ".mjcf", *FORMATS))
-    raise ImportFileError(str(path), f"unknown format {suffix!r}; allowed: {allowed}")
+        readers = {one.root: read for one, read in known if one.root}
+        if root.tag not in readers:
+            allowed = ", ".join(f"<{tag}>" for tag in readers)
+            raise root.fail(f"is not a robot; allowed: {allowed}")
+        return readers[root.tag](path, options.packages)
+    readers = {ending: read for one, read in known for ending in one.suffixes}
+    if suffix not in readers:
+        allowed = ", ".join((*readers, *SUFFIXES))
+        raise ImportFileError(str(path), f"unknown format {suffix!r}; allowed: {allowed}")
+    return readers[suffix](path, options.packages)
 
 
 def _object(path: Path, options: ImportOptions) -> SourceModel:
@@ -185,16 +188,17 @@ def _object(path: Path, options: ImportOptions) -> SourceModel:
         raise InputError(f"got the unit {options.unit!r}; allowed: {', '.join(UNITS)}")
     surface = load_surface(path, UNITS[options.unit])
     check_size(float(np.ptp(surface.vertices, axis=0).max()), str(path))
-    solid = solid_of(surface, str(path), hull=options.hull)
-    mass = DENSITY * solid.volume if options.mass is None else options.mass
+    body = solid_of(surface, str(path), hull=options.hull)
+    mass = DENSITY * body.volume if options.mass is None else options.mass
     if not 0.0 < mass < np.inf:
         raise InputError(f"got a mass of {mass:g} kg; allowed: above 0")
-    seen = LinkShape(mesh_shape(np.eye(4), solid.surface, "casting"), True, False)
-    touched = [
-        LinkShape(mesh_shape(np.eye(4), piece, "casting"), False, True) for piece in solid.convex
-    ]
-    inertia = mass * solid.gyration
-    link = SourceLink(path.stem, mass, solid.com, inertia, (seen, *touched))
+    shapes = [mesh_shape(np.eye(4), body.surface, "casting")]
+    for piece in body.convex:
+        touched = mesh_shape(np.eye(4), piece, "casting")
+        shapes.append(replace(touched, visible=False, collide=True))
+    link = Link(
+        path.stem, mass=mass, com=body.com, inertia=mass * body.gyration, shapes=tuple(shapes)
+    )
     warnings = (
         ()
         if options.mass is not None
@@ -218,7 +222,7 @@ def _write(
     file = folder / f"{head['name']}.toml"
     document = {"schema": 1, **head} | ({} if layout is None else _arm_rows(layout))
     if layout is not None:
-        # The same speed for each joint, from what its motor feels at home.
+        # Gains for SERVO_RATE, from each motor's apparent inertia at home.
         bare = [{**row, "shape": None} for row in rows]  # without meshes to read
         file.write_text(toml_text(document | {"body": bare}), encoding="utf-8")
         arm = load_arm(file)
@@ -238,8 +242,8 @@ def _write(
         load_arm(file)
 
 
-#: What a moving link weighs that the file gives no mass, and the radius of the ball that it is
-#: taken for. Source: our own choice: too little to be felt.
+#: Mass and radius of the ball that stands for a moving link without mass. Source: our own choice,
+#: negligible.
 NO_MASS_KG, NO_MASS_RADIUS_M = 1e-4, 0.01
 
 
@@ -252,26 +256,26 @@ class ImportedBody:
     mass: float
     com: Array
     inertia: Array
-    shapes: tuple[LinkShape, ...]
+    shapes: tuple[Shape, ...]
     source: str
 
 
 def _body(
     model: SourceModel,
-    link: SourceLink,
+    link: Link,
     frame: str,
     at: Array,
     moving: set[str],
     warnings: list[str],
 ) -> ImportedBody | None:
-    """Return a link's body in the frame that carries it, None of a link that is nothing.
+    """Return a link's body in the frame that carries it, None of an empty link.
 
     Args:
-        model: of the link
-        link: as in the file
-        frame, at: the frame and T_frame_link
-        moving: frames that joints move, and so need a mass
-        warnings: takes what was mended
+        model: the model that was read
+        link: one of its links
+        frame, at: the frame and T_frame_link, (4, 4)
+        moving: frames with a moving joint, which need a mass
+        warnings: list to which corrections are added
     """
     moves = frame in moving
     mass, source = link.mass, "the file"
@@ -301,15 +305,15 @@ def _body(
     )
 
 
-def _placed(shape: LinkShape, at: Array, where: str) -> LinkShape:
-    """Return a shape at a pose; meshes that touch and are not seen become their convex hull."""
-    own = replace(shape.shape, pose=at @ shape.shape.pose)
-    if own.mesh is not None and shape.collide and not shape.visible:
-        own = replace(own, mesh=hull_of(own.mesh, where))
-    return replace(shape, shape=own)
+def _placed(shape: Shape, at: Array, where: str) -> Shape:
+    """Return a shape at T_frame_link; an invisible colliding mesh becomes its convex hull."""
+    placed = replace(shape, pose=at @ shape.pose)
+    if placed.mesh is not None and placed.collide and not placed.visible:
+        return replace(placed, mesh=hull_of(placed.mesh, where))
+    return placed
 
 
-def _gyration(link: SourceLink) -> Array:
+def _gyration(link: Link) -> Array:
     """Return the inertia of 1 kg of a box about a link's shapes, (3, 3) [m^2]."""
     reach = [_corners(s) for s in link.shapes] or [np.array([[-0.01] * 3, [0.01] * 3])]
     corners = np.concatenate(reach)
@@ -317,27 +321,17 @@ def _gyration(link: SourceLink) -> Array:
     return np.diag([b * b + c * c, a * a + c * c, a * a + b * b]) / 3.0
 
 
-def _corners(shape: LinkShape, at: Array | None = None) -> Array:
-    own = shape.shape
-    if own.mesh is not None:
-        points = own.mesh.vertices
+def _corners(shape: Shape, at: Array | None = None) -> Array:
+    """Return corners about a shape in its link, or with T_root_link in the root, (k, 3) [m]."""
+    if shape.mesh is not None:
+        points = shape.mesh.vertices
     else:
-        a, b, _ = own.size
-        half = own.size if own.kind == "box" else np.array([a, a, a + b])
+        a, b, _ = shape.size
+        half = shape.size if shape.kind == "box" else np.array([a, a, a + b])
         signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
         points = signs * half
-    pose = own.pose if at is None else at @ own.pose
+    pose = shape.pose if at is None else at @ shape.pose
     return points @ pose[:3, :3].T + pose[:3, 3]
-
-
-MESHES = "meshes"
-
-
-def obj_text(mesh: Mesh) -> str:
-    """Return a mesh as OBJ in millimetres; numbers come back to the last bit or nearly."""
-    corners = "".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in (1e3 * mesh.vertices).tolist())
-    faces = "".join(f"f {a} {b} {c}\n" for a, b, c in (mesh.faces + 1).tolist())
-    return f"# millimetres\n{corners}{faces}"
 
 
 def _arm_rows(layout: MechanismLayout) -> dict[str, Any]:
@@ -412,22 +406,21 @@ def _body_row(body: ImportedBody, meshes: dict[str, Mesh]) -> dict[str, Any]:
     }
 
 
-def _shape_row(shape: LinkShape, name: str, meshes: dict[str, Mesh]) -> dict[str, Any]:
-    own = shape.shape
-    row: dict[str, Any] = {"kind": own.kind}
-    turn, at = own.pose[:3, :3], own.pose[:3, 3]
-    if own.mesh is not None:
-        file = f"{MESHES}/{name}.obj"
-        meshes[file] = own.mesh
+def _shape_row(shape: Shape, name: str, meshes: dict[str, Mesh]) -> dict[str, Any]:
+    row: dict[str, Any] = {"kind": shape.kind}
+    turn, at = shape.pose[:3, :3], shape.pose[:3, 3]
+    if shape.mesh is not None:
+        file = f"meshes/{name}.obj"
+        meshes[file] = shape.mesh
         row |= {"file": file, "center_m": at, **_turn(turn)}
-    elif own.kind == "box":
-        row |= {"center_m": at, "size_m": 2.0 * own.size, **_turn(turn)}
-    elif own.kind == "sphere":
-        row |= {"center_m": at, "radius_m": float(own.size[0])}
+    elif shape.kind == "box":
+        row |= {"center_m": at, "size_m": 2.0 * shape.size, **_turn(turn)}
+    elif shape.kind == "sphere":
+        row |= {"center_m": at, "radius_m": float(shape.size[0])}
     else:
-        along = float(own.size[1]) * turn[:, 2]
-        row |= {"from_m": at - along, "to_m": at + along, "radius_m": float(own.size[0])}
-    row |= {"material": own.material, "collide": shape.collide}
+        along = float(shape.size[1]) * turn[:, 2]
+        row |= {"from_m": at - along, "to_m": at + along, "radius_m": float(shape.size[0])}
+    row |= {"material": shape.material, "collide": shape.collide}
     return row if shape.visible else {**row, "visible": False}
 
 
@@ -436,7 +429,7 @@ def _turn(turn: Array) -> dict[str, Any]:
 
 
 def _friction(layout: MechanismLayout) -> dict[str, Any]:
-    """Return {joint: its friction} of the joints that have some."""
+    """Return the friction of joints, {joint: entries}, of those with any."""
     rows: dict[str, Any] = {}
     for name, joint in layout.sources.items():
         turns = joint.kind == "revolute"

@@ -9,34 +9,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.formats.dropped import PLAIN, drop_in
 from trocar.descriptions import load_arm, load_rig
 from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.descriptions.meshes import Mesh
 from trocar.descriptions.records import Shape
 from trocar.errors import InputError, MissingExtraError, TrocarError, UnknownNameError
-from trocar.formats.exports import FORMATS, export, find_rig
-from trocar.formats.exports.task import ExportOptions, ExportTask, Format, write_meshes
+from trocar.formats.export import export, find_rig
+from trocar.formats.folder import write_meshes
 from trocar.formats.links import rig_links
-from trocar.formats.mesh_files import mesh_names, obj
+from trocar.formats.meshes import mesh_names, obj
 
 
 @pytest.fixture(autouse=True)
-def plain(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Register a format that writes two small files and a folder."""
+def plain(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Drop in a format that writes two small files and a folder."""
     pytest.importorskip("lxml", reason="exports need the extra 'export'")
-
-    def write(task: ExportTask) -> tuple[str, ...]:
-        (task.folder / "model.txt").write_text(f"{len(task.model.links)}\n", encoding="utf-8")
-        (task.folder / "parts").mkdir()
-        (task.folder / "parts" / "part.txt").write_text("part\n", encoding="utf-8")
-        return ("it is only a test",)
-
-    def fail(task: ExportTask) -> tuple[str, ...]:
-        write(task)
-        raise TrocarError("half way")
-
-    monkeypatch.setitem(FORMATS, "plain", Format("Plain", write))
-    monkeypatch.setitem(FORMATS, "fails", Format("Fails", fail))
+    drop_in(monkeypatch, tmp_path_factory.mktemp("formats"), "plain", PLAIN)
 
 
 @pytest.fixture
@@ -65,7 +54,7 @@ def test_an_empty_folder_is_filled(tmp_path, rig):
 @pytest.mark.parametrize("overwrite", [False, True])
 def test_what_fails_half_way_leaves_nothing(tmp_path, rig, overwrite):
     with pytest.raises(TrocarError, match="half way"):
-        export(rig, "fails", tmp_path / "new" / "folder", overwrite=overwrite)
+        export(rig, "plain", tmp_path / "new" / "folder", {"fail": True}, overwrite=overwrite)
     assert everything(tmp_path) == []
 
 
@@ -222,11 +211,15 @@ def test_no_meshes_make_no_folder(tmp_path, rig):
 
 def test_an_option_for_another_format_is_refused(tmp_path, rig):
     with pytest.raises(InputError, match=r"--package: got 'p' with --format sdf; allowed: .*urdf"):
-        export(rig, "sdf", tmp_path / "new", ExportOptions(package="p"))
+        export(rig, "sdf", tmp_path / "new", {"package": "p"})
     with pytest.raises(InputError, match=r"--sdf-version: got '1.7' .*allowed: with --format sdf"):
-        export(rig, "plain", tmp_path / "new", ExportOptions(sdf_version="1.7"))
+        export(rig, "plain", tmp_path / "new", {"sdf_version": "1.7"})
     assert everything(tmp_path) == []
 
 
-def test_options_have_the_common_values():
-    assert ExportOptions() == ExportOptions(package="", sdf_version="1.9")
+def test_an_option_that_no_format_has_lists_those_of_all(tmp_path, rig):
+    with pytest.raises(
+        UnknownNameError, match=r"unknown option 'packages' \(did you mean 'package'"
+    ):
+        export(rig, "urdf", tmp_path / "new", {"packages": "p"})
+    assert everything(tmp_path) == []

@@ -1,4 +1,4 @@
-"""Where links of a rig should stand, by the kinematics alone, for the judges of every format."""
+"""Poses of a rig's links by the kinematics alone, for the judges of every format."""
 
 from __future__ import annotations
 

@@ -1,32 +1,87 @@
-"""XML with line numbers, and the meshes that it names: what readers of URDF and SDF share."""
+"""XML: elements and numbers, written and read; inertias and joints, which URDF and SDF share.
+
+Written files have the same bytes each time: two spaces, numbers without noise.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.meshes import Mesh, lfs_problem
-from trocar.descriptions.records import Shape
-from trocar.formats.importers.meshes import load_surface
-from trocar.formats.importers.model import ImportFileError, ModelJoint, mesh_shape, solid
-from trocar.formats.markup import lxml_etree
-from trocar.inputs import is_file, read_input
+from trocar.descriptions.meshes import lfs_problem
+from trocar.errors import MissingExtraError
+from trocar.formats.links import ImportFileError, SourceJoint
+from trocar.inputs import read_input
 
 Array = NDArray[np.float64]
 
-#: Source: our own choice; the largest of MuJoCo Menagerie has 0.2 MB.
+#: Largest magnitude of lengths and directions that is written as 0. Source: our own choice, far
+#: below a micrometre.
+NOISE = 1e-14
+#: Size limit of a file [byte]. Source: our own choice; the largest of MuJoCo Menagerie has 0.2 MB.
 MOST_BYTES = 16_000_000
-#: Infinite in SDF is any larger number than this. Source: sdformat, joint axis limits (1e16).
-UNLIMITED = 1e15
+#: Smallest limit that stands for infinity. Source: sdformat, joint axis limits (1e16).
+INFINITE = 1e15
+
+
+def lxml_etree(purpose: str = "writing models for other simulators") -> ModuleType:
+    """Import lxml.
+
+    Raises:
+        MissingExtraError: it is not installed; the message names `purpose`
+    """
+    try:
+        from lxml import (  # pyright: ignore[reportMissingTypeStubs] - lxml has no types
+            etree,  # pyright: ignore[reportAttributeAccessIssue, reportUnknownVariableType]
+        )
+    except ImportError as error:
+        raise MissingExtraError("lxml", "export", purpose) from error
+    return cast(ModuleType, etree)
+
+
+def element(tag: str, attributes: Mapping[str, str] | None = None, text: str = "") -> Any:
+    """Return an element of lxml with its attributes in the order given."""
+    made = lxml_etree().Element(tag, dict(attributes or {}))
+    made.text = text or None
+    return made
+
+
+def child(
+    parent: Any, tag: str, attributes: Mapping[str, str] | None = None, text: str = ""
+) -> Any:
+    """Append an element to another and return it."""
+    made = element(tag, attributes, text)
+    parent.append(made)
+    return made
+
+
+def document(root: Any, comment: str = "") -> bytes:
+    """Return a file: declaration, comment, elements."""
+    etree = lxml_etree()
+    etree.indent(root, space="  ")
+    note = f"<!-- {comment.replace('--', '-')} -->\n".encode() if comment else b""
+    body: bytes = etree.tostring(root, encoding="utf-8", pretty_print=True)
+    return b'<?xml version="1.0" encoding="utf-8"?>\n' + note + body
+
+
+def number(value: float, digits: int = 12) -> str:
+    """Write a number with `digits` significant digits."""
+    return f"{float(value) + 0.0:.{digits}g}"
+
+
+def numbers(values: Iterable[float], digits: int = 12, noise: float = NOISE) -> str:
+    """Write numbers, separated by spaces; those below `noise` become 0."""
+    return " ".join(number(0.0 if abs(v) < noise else v, digits) for v in values)
 
 
 class XmlNode:
-    """An element that knows its file and line."""
+    """An element of a file, with its line."""
 
     def __init__(self, element: Any, file: str) -> None:
         self._element = element
@@ -34,23 +89,20 @@ class XmlNode:
 
     @property
     def tag(self) -> str:
-        """Its name."""
+        """Name of the element."""
         return str(self._element.tag)
 
     def fail(self, problem: str) -> ImportFileError:
-        """Return an error that says where this element stands."""
+        """Return an error with this element's file, line and tag."""
         return ImportFileError(self._file, f"<{self.tag}> {problem}", self._element.sourceline)
 
     def children(self, tag: str | None = None) -> list[XmlNode]:
-        """Return the elements inside, all or those called `tag`.
-
-        Those of other namespaces (drake:..., gz:...) speak to other programs.
-        """
+        """Return the elements inside, all or those with a tag; none of namespaces (drake:)."""
         inside = [e for e in self._element if isinstance(e.tag, str) and "{" not in e.tag]
         return [XmlNode(e, self._file) for e in inside if tag is None or e.tag == tag]
 
     def child(self, tag: str) -> XmlNode | None:
-        """Return the element called `tag`, None without one.
+        """Return the one element with a tag, None without one.
 
         Raises:
             ImportFileError: more than one
@@ -61,14 +113,22 @@ class XmlNode:
         return found[0] if found else None
 
     def need(self, tag: str) -> XmlNode:
-        """Return the element called `tag`."""
+        """Return the one element with a tag.
+
+        Raises:
+            ImportFileError: none, or more than one
+        """
         found = self.child(tag)
         if found is None:
             raise self.fail(f"lacks <{tag}>")
         return found
 
     def check(self, known: Iterable[str]) -> None:
-        """Reject unknown elements inside."""
+        """Reject elements inside other than those of `known`.
+
+        Raises:
+            ImportFileError: there is one
+        """
         allowed = tuple(known)
         for inside in self.children():
             if inside.tag not in allowed:
@@ -79,7 +139,11 @@ class XmlNode:
         return (self._element.text or "").strip()
 
     def attribute(self, key: str, default: str | None = None) -> str:
-        """Return an attribute."""
+        """Return an attribute.
+
+        Raises:
+            ImportFileError: there is none, and no default
+        """
         value = self._element.get(key, default)
         if value is None:
             raise self.fail(f"lacks the attribute {key!r}")
@@ -152,13 +216,13 @@ def inertia_of(node: XmlNode | None, turn: Array, diagonal: float = 0.0) -> Arra
 
 
 def moving_joint(
-    joint: ModelJoint, node: XmlNode, along: Array, limits: tuple[float, float]
-) -> ModelJoint:
-    """Return a joint with its axis, limits, friction and what it follows.
+    joint: SourceJoint, node: XmlNode, along: Array, limits: tuple[float, float]
+) -> SourceJoint:
+    """Return a joint with its axis, limits, friction and coupling.
 
     Args:
-        joint: with its links and pose
-        node: that holds <limit>, <dynamics> and <mimic>: a URDF's joint, an SDF's axis
+        joint: the joint with links and pose
+        node: parent of <limit>, <dynamics> and <mimic>: a URDF's joint, an SDF's axis
         along: axis in the child, of any length, (3,)
         limits: lower and upper
     """
@@ -168,7 +232,7 @@ def moving_joint(
         holder = limit if value else dynamics
         if holder is not None:
             got = holder.number(key, -1.0 if value else 0.0)
-            found[key] = got if not value or 0.0 < got < UNLIMITED else value
+            found[key] = got if not value or 0.0 < got < INFINITE else value
     follows = None
     if mimic is not None:
         ratio = mimic.number("multiplier", 1.0)
@@ -177,62 +241,3 @@ def moving_joint(
     lower, upper = limits
     axis = along / np.linalg.norm(along)
     return replace(joint, axis=axis, lower=lower, upper=upper, follows=follows, **found)
-
-
-class MeshFinder:
-    """Finds and reads the meshes that a robot's file names."""
-
-    def __init__(self, path: Path, packages: tuple[Path, ...]) -> None:
-        self._folder = path.resolve().parent
-        self._packages = packages
-        #: {file and scale: its triangles}: a link is often seen and touched as the same mesh.
-        self._read: dict[tuple[Path, tuple[float, ...]], Mesh] = {}
-
-    def find(self, node: XmlNode, uri: str) -> Path:
-        """Return the file that a URI or relative path names.
-
-        Raises:
-            ImportFileError: it is not there; where it was looked for is named
-        """
-        scheme, mark, rest = uri.partition("://")
-        if not mark:
-            places = [self._folder / uri]
-        elif scheme == "file":
-            places = [Path(rest)]
-        elif scheme in ("package", "model"):
-            name, _, inside = rest.strip("/").partition("/")
-            inside = inside.lstrip("/")  # model://ecm//meshes/base_link.STL of dvrk_env
-            above = [*self._packages, self._folder, *self._folder.parents]
-            places = [p / name / inside for p in above]
-            places += [p / inside for p in above if p.name == name or is_file(p / "package.xml")]
-        else:
-            raise node.fail(f"got {uri!r}; allowed: a path, file://, package:// or model://")
-        found = next((place for place in places if is_file(place)), None)
-        if found is None:
-            near = ", ".join(str(place) for place in places[:3])
-            raise node.fail(
-                f"{uri!r} not found (searched {near}); add its folder with --package-path DIR"
-            )
-        return found
-
-    def shape(self, node: XmlNode, pose: Array, material: str) -> Shape:
-        """Return the one shape of a <geometry>."""
-        node.check(("box", "cylinder", "sphere", "capsule", "mesh"))
-        inside = node.children()
-        if len(inside) != 1:
-            raise node.fail(f"has {len(inside)} shapes; allowed: one")
-        (kind,) = inside
-        if kind.tag == "mesh":
-            uri = kind.child("uri")
-            name = kind.attribute("filename") if uri is None else uri.text()
-            path, scale = self.find(uri or kind, name), kind.figures("scale", 3, (1, 1, 1))
-            key = path, tuple(scale.tolist())
-            if key not in self._read:
-                self._read[key] = load_surface(path, scale)
-            return mesh_shape(pose, self._read[key], material)
-        if kind.tag == "box":
-            sizes = kind.figures("size", 3).tolist()
-        else:
-            keys = ("radius",) if kind.tag == "sphere" else ("radius", "length")
-            sizes = [kind.number(key) for key in keys]
-        return solid(kind.tag, pose, sizes, material)

@@ -9,9 +9,9 @@ import pytest
 pytest.importorskip("lxml", reason="lxml is not installed (extra export)")
 pytest.importorskip("trimesh", reason="trimesh is not installed (extra convex)")
 
-from tests.formats.importers.texts import MJCF, SDF, URDF
+from tests.formats.texts import MJCF, SDF, URDF
 from trocar.errors import InputError
-from trocar.formats.importers import ImportOptions, import_file
+from trocar.formats.importing import ImportOptions, import_file
 
 FAULTS = [
     (

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.formats.exports.truth import frames_in_world, leading, random_rig_positions
-from tests.formats.exports.urdf_readers import (
+from tests.formats.truth import frames_in_world, leading, random_rig_positions
+from tests.formats.urdf_readers import (
     Reading,
     by_drake,
     by_mujoco,
@@ -25,7 +25,7 @@ from tests.formats.exports.urdf_readers import (
 from trocar.descriptions import names
 from trocar.descriptions.calibrated import calibrated_rig
 from trocar.descriptions.records import RigDescription
-from trocar.formats.exports import ExportOptions, export, find_rig
+from trocar.formats.export import export, find_rig
 from trocar.formats.links import SHARE, LinkModel, joint_values, link_poses, rig_links
 from trocar.formats.tip_chain import fit_tips
 from trocar.formats.urdf import urdf_tree
@@ -160,7 +160,7 @@ def test_a_chain_fitted_to_the_tip_has_the_tip_several_times_nearer(
     skew_overlay, rng, tmp_path
 ) -> None:
     rig = calibrated_rig(find_rig("ecm"), skew_overlay("ecm", rng))
-    (said,) = export(rig, "urdf", tmp_path, ExportOptions(fit_tip=True)).warnings
+    (said,) = export(rig, "urdf", tmp_path, {"fit_tip": True}).warnings
     straight = rig_links(rig)
     model = fit_tips(straight, rig)
     error, before = model.line_errors["ECM"], straight.line_errors["ECM"]

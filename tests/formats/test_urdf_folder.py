@@ -11,10 +11,9 @@ import pytest
 
 from trocar.descriptions.calibrated import calibrated_rig
 from trocar.errors import InputError
-from trocar.formats.exports import ExportOptions, export, find_rig
-from trocar.formats.exports.urdf import rviz_config, start_message
+from trocar.formats.export import export, find_rig
 from trocar.formats.links import rig_links
-from trocar.formats.urdf import urdf_tree
+from trocar.formats.urdf import rviz_config, start_message, urdf_tree
 
 pytest.importorskip("lxml", reason="exports need the extra 'export'")
 
@@ -29,7 +28,7 @@ def test_a_folder_has_the_model_views_and_a_readme(tmp_path) -> None:
 
 
 def test_a_package_says_its_name_wherever_it_counts(tmp_path) -> None:
-    done = export(find_rig("psm"), "urdf", tmp_path, ExportOptions(package="my_psm"))
+    done = export(find_rig("psm"), "urdf", tmp_path, {"package": "my_psm"})
     assert {"package.xml", "CMakeLists.txt"} <= set(done.files)
     assert "<name>my_psm</name>" in (tmp_path / "package.xml").read_text(encoding="utf-8")
     assert "project(my_psm)" in (tmp_path / "CMakeLists.txt").read_text(encoding="utf-8")
@@ -40,7 +39,7 @@ def test_a_package_says_its_name_wherever_it_counts(tmp_path) -> None:
 @pytest.mark.parametrize("name", ["My-PSM", "2psm", "p", "psm/../x"])
 def test_a_name_that_ros_would_refuse_is_refused(name, tmp_path) -> None:
     with pytest.raises(InputError, match=r"--package: got .*allowed: a lower-case letter"):
-        export(find_rig("psm"), "urdf", tmp_path / "new", ExportOptions(package=name))
+        export(find_rig("psm"), "urdf", tmp_path / "new", {"package": name})
     assert not list(tmp_path.iterdir())
 
 
@@ -55,19 +54,17 @@ def test_a_general_loop_is_told_to_be_a_straight_line(tmp_path, skew_overlay, rn
 
 
 def test_a_tip_is_fitted_in_a_urdf_of_a_calibrated_arm_alone(tmp_path) -> None:
-    (warning,) = export(
-        find_rig("ecm"), "urdf", tmp_path / "a", ExportOptions(fit_tip=True)
-    ).warnings
+    (warning,) = export(find_rig("ecm"), "urdf", tmp_path / "a", {"fit_tip": True}).warnings
     assert warning == "--fit-tip: nothing to fit, for all loops are parallelograms"
     with pytest.raises(InputError, match=r"--fit-tip: got True .*allowed: with --format urdf"):
-        export(find_rig("ecm"), "sdf", tmp_path / "b", ExportOptions(fit_tip=True))
+        export(find_rig("ecm"), "sdf", tmp_path / "b", {"fit_tip": True})
 
 
 @pytest.mark.parametrize("package", ["", "scope"])
 def test_the_readme_loads_the_model_as_it_says(package, tmp_path) -> None:
     for library in ("yourdfpy", "pinocchio", "pydrake"):
         pytest.importorskip(library, reason=f"{library} is not installed (extra judges)")
-    export(find_rig("ecm"), "urdf", tmp_path / "scope", ExportOptions(package=package))
+    export(find_rig("ecm"), "urdf", tmp_path / "scope", {"package": package})
     readme = (tmp_path / "scope" / "README.md").read_text(encoding="utf-8")
     (code,) = re.findall(r"^```python\n(.*?)^```$", readme, re.DOTALL | re.MULTILINE)
     said = run(code, tmp_path / "scope")

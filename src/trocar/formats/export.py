@@ -3,31 +3,20 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from trocar.descriptions import RigDescription, load_arm, load_rig, names, rig_with_tool
 from trocar.descriptions.calibrated import calibrated_rig
 from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.errors import InputError, UnknownNameError
-from trocar.formats.exports.mjcf import write_mjcf
-from trocar.formats.exports.sdf import write_sdf
-from trocar.formats.exports.task import ExportOptions, ExportTask, Format
-from trocar.formats.exports.urdf import write_urdf
+from trocar.formats.folder import ExportTask
+from trocar.formats.format import formats
 from trocar.formats.links import rig_links
-from trocar.formats.markup import lxml_etree
-from trocar.formats.mesh_files import mesh_names
+from trocar.formats.meshes import mesh_names
+from trocar.formats.xml_tree import lxml_etree
 from trocar.outputs import check_folder, whole_folder
-
-#: {name after --format: the format}
-FORMATS: dict[str, Format] = {
-    "mjcf": Format("MJCF: MuJoCo, as MuJoCo Menagerie has robots", write_mjcf),
-    "urdf": Format(
-        "URDF: ROS, RViz, pinocchio, Drake, MuJoCo, yourdfpy", write_urdf, ("package", "fit_tip")
-    ),
-    "sdf": Format("SDF: Gazebo, Drake", write_sdf, ("sdf_version",)),
-}
 
 
 @dataclass(frozen=True)
@@ -35,12 +24,12 @@ class Export:
     """A written folder.
 
     Attributes:
-        folder: where
+        folder: its path
         format: "urdf", ...
         files: every file, relative to the folder, sorted
-        links, joints: how many the rig has, fixed joints included
-        triangles: of the meshes that are seen, each link's counted
-        warnings: what the user should know of this file
+        links, joints: their numbers, fixed joints included
+        triangles: their number in visible meshes, each link's counted
+        warnings: parts of the rig that the files omit or change
     """
 
     folder: Path
@@ -56,18 +45,21 @@ def export(
     rig: RigDescription,
     format: str,  # noqa: A002 - what the option is called
     folder: str | Path,
-    options: ExportOptions | None = None,
+    options: Mapping[str, object] | None = None,
     *,
+    draw: Callable[[RigDescription, Path], None] | None = None,
     overwrite: bool = False,
 ) -> Export:
     """Write a rig in a format.
 
     Args:
-        rig: what
-        format: one of `FORMATS`
-        folder: where; a new folder, or an empty one
-        options: see `ExportOptions`
-        overwrite: replace what the folder has under the same names
+        rig: its description
+        format: one of `formats()` that is written
+        folder: a new folder, or an empty one
+        options: options of the format by name: {"sdf_version": "1.11"}
+        draw: writes a picture of a rig as PNG, for formats whose folder has one; it may raise a
+            `TrocarError`; None: no picture
+        overwrite: replace files of the same names
 
     Raises:
         UnknownNameError: no such format
@@ -75,12 +67,16 @@ def export(
             masses; nothing was written
         MissingExtraError: lxml is not installed
     """
-    if format not in FORMATS:
-        raise UnknownNameError("format", format, FORMATS)
-    chosen = options or ExportOptions()
-    for name, value in asdict(chosen).items():
-        if value != getattr(ExportOptions(), name) and name not in FORMATS[format].takes:
-            takers = [known for known, one in FORMATS.items() if name in one.takes]
+    known = {name: one for name, one in formats().items() if one.write is not None}
+    if format not in known or (write := known[format].write) is None:
+        raise UnknownNameError("format", format, known)
+    chosen = dict(options or {})
+    for name, value in chosen.items():
+        takers = [known_as for known_as, one in known.items() if name in one.option_names]
+        if not takers:
+            every = [option for one in known.values() for option in one.option_names]
+            raise UnknownNameError("option", name, every)
+        if format not in takers:
             raise InputError(
                 f"--{name.replace('_', '-')}: got {value!r} with --format {format}; allowed: with"
                 f" --format {' or '.join(takers)}"
@@ -89,8 +85,8 @@ def export(
     lxml_etree()
     model = rig_links(rig)
     with whole_folder(folder, overwrite) as built:
-        task = ExportTask(model, rig, built, mesh_names(model), chosen)
-        warnings = FORMATS[format].write(task)
+        task = ExportTask(model, rig, built, mesh_names(model), draw)
+        warnings = write(task, **chosen)
         files = sorted(p.relative_to(built).as_posix() for p in built.rglob("*") if p.is_file())
     return Export(
         folder=Path(folder),
@@ -111,11 +107,11 @@ def export(
 def find_rig(
     name: str | Path, tools: Sequence[str] = (), calibrations: Sequence[str] = ()
 ) -> RigDescription:
-    """Return the rig that a name stands for: an arm alone and without props, or a rig.
+    """Return the rig of a name: an arm alone and without props, or a rig.
 
     Args:
         name: a built-in arm or rig, or the path of a TOML file; a name of both is the arm
-        tools: "TOOL" of a lone arm, or "ARM=TOOL" of an arm in a rig
+        tools: "TOOL" for a lone arm, or "ARM=TOOL" for an arm of a rig
         calibrations: overlays as for `load_rig`: "FILE", or "ARM=FILE"
 
     Raises:
@@ -148,4 +144,4 @@ def _is_arm(name: str | Path) -> bool:
         with Path(name).expanduser().open("rb") as file:
             return "arm" not in tomllib.load(file)
     except (OSError, ValueError):
-        return True  # load_arm says what is wrong with it
+        return True  # load_arm reports the problem

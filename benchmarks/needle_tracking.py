@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from benchmarks.needle_stage import HIDDEN_S, RATE_HZ, Shot, Stage, Style, lying, run
 from trocar.descriptions.needles import Needle
 from trocar.robot.verification.figures import Figure
+from trocar.tasks.scenes.vision import pose_errors
 from trocar.tasks.vision import JAWS, Holder, NeedleTracker
 from trocar.tasks.vision.needle_fit import change
-from trocar.tasks.vision.scenes import pose_errors
 
 Array = NDArray[np.float64]
 

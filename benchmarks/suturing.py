@@ -24,9 +24,9 @@ from trocar.geometry.se3 import transform
 from trocar.robot.verification.figures import Figure
 from trocar.simulation import World
 from trocar.tasks import run_episode
+from trocar.tasks.scenes.suturing import Suturing
 from trocar.tasks.suturing.planning import TipWorkspace
 from trocar.tasks.suturing.scene import suturing_scene
-from trocar.tasks.suturing.task import Suturing
 
 #: Ways of a jaw in each episode of random motion, and its speed: that of a stitch. Source: our own
 #: choice. [m/s]

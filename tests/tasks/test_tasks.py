@@ -17,7 +17,7 @@ from trocar.geometry.se3 import inverse, transform
 from trocar.simulation import World
 from trocar.tasks import Task, make_task, run_episode
 from trocar.tasks.motions import Hand, together
-from trocar.tasks.vision.scenes import VisualServoing
+from trocar.tasks.scenes.vision import VisualServoing
 
 
 @pytest.fixture

@@ -172,7 +172,7 @@ def _scene(args: Namespace) -> Scene | str:
 def _write_plan(args: Namespace) -> None:
     """Write the plan of the first episode's stitches."""
     from trocar.tasks import make_task
-    from trocar.tasks.suturing.task import Suturing
+    from trocar.tasks.scenes.suturing import Suturing
 
     path = Path(args.plan).expanduser()
     if path.suffix not in (".toml", ".png"):
@@ -228,7 +228,7 @@ def _watched(
 def _register(task: Task, args: Namespace, stack: ExitStack) -> None:
     """Let a task of suturing find its wound in images of the endoscope, its height in points."""
     from trocar.cameras import StereoCalibration
-    from trocar.tasks.suturing.task import Suturing
+    from trocar.tasks.scenes.suturing import Suturing
     from trocar.tasks.vision import find_wound
 
     if not isinstance(task, Suturing):

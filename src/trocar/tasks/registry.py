@@ -11,11 +11,10 @@ from trocar.descriptions.plugins import load_registered, registered
 from trocar.descriptions.scenes import Scene
 from trocar.errors import InputError, UnknownNameError
 from trocar.modeling.props import run_script
-from trocar.tasks.dynamic import BandPull, BarCarry, Pendulum, Push, Stack, TrayCarry
-from trocar.tasks.reach import ActiveTrack, Reach, Track
-from trocar.tasks.task import Task
-from trocar.tasks.thread import ThreadHandOver, ThreadKnot
-from trocar.tasks.transfer import (
+from trocar.tasks.scenes.dynamic import BandPull, BarCarry, Pendulum, Push, Stack, TrayCarry
+from trocar.tasks.scenes.reach import ActiveTrack, Reach, Track
+from trocar.tasks.scenes.thread import ThreadHandOver, ThreadKnot
+from trocar.tasks.scenes.transfer import (
     HandOver,
     NeedleHandOver,
     NeedlePick,
@@ -25,6 +24,7 @@ from trocar.tasks.transfer import (
     Retrieve,
     WallTransfer,
 )
+from trocar.tasks.task import Task
 
 #: Classes by name; those outside this package as "module:class".
 TASKS: dict[str, type[Task] | str] = {
@@ -48,11 +48,11 @@ TASKS: dict[str, type[Task] | str] = {
     "reach": Reach,
     "track": Track,
     "active-track": ActiveTrack,
-    "needle-tracking": "trocar.tasks.vision.scenes:NeedleTracking",
-    "augmented-reality": "trocar.tasks.vision.scenes:AugmentedReality",
-    "visual-servoing": "trocar.tasks.vision.scenes:VisualServoing",
-    "suturing": "trocar.tasks.suturing.task:Suturing",
-    "needle-through-phantom": "trocar.tasks.suturing.task:NeedleThroughPhantom",
+    "needle-tracking": "trocar.tasks.scenes.vision:NeedleTracking",
+    "augmented-reality": "trocar.tasks.scenes.vision:AugmentedReality",
+    "visual-servoing": "trocar.tasks.scenes.vision:VisualServoing",
+    "suturing": "trocar.tasks.scenes.suturing:Suturing",
+    "needle-through-phantom": "trocar.tasks.scenes.suturing:NeedleThroughPhantom",
 }
 
 

@@ -17,6 +17,7 @@ from trocar.geometry.rotations import rotation_z
 from trocar.geometry.se3 import transform
 from trocar.simulation.journal import Entry
 from trocar.tasks import run_episode
+from trocar.tasks.scenes.suturing import Suturing
 from trocar.tasks.suturing.planning import (
     APART_M,
     Grip,
@@ -31,7 +32,6 @@ from trocar.tasks.suturing.planning import (
 )
 from trocar.tasks.suturing.scene import suturing_scene
 from trocar.tasks.suturing.scores import pose_score, score_pass
-from trocar.tasks.suturing.task import Suturing
 
 
 @pytest.fixture(scope="module")

@@ -16,6 +16,7 @@ from trocar.rendering import Look, StereoFrame
 from trocar.robot.follow.mirror import follow
 from trocar.simulation import World
 from trocar.tasks import make_task
+from trocar.tasks.scenes.vision import AugmentedReality
 from trocar.tasks.vision.overlay import (
     Area,
     Banner,
@@ -29,7 +30,6 @@ from trocar.tasks.vision.overlay import (
     overlaid,
     stitch,
 )
-from trocar.tasks.vision.scenes import AugmentedReality
 
 pytest.importorskip("cv2", reason="needs the extra vision")
 

@@ -12,8 +12,8 @@ from trocar.descriptions.scenes import Goal
 from trocar.descriptions.sensors import TensionReading
 from trocar.geometry.se3 import transform
 from trocar.tasks.motions import TRIES, UP, Hand, Motion, together
+from trocar.tasks.scenes.transfer import Carry, across
 from trocar.tasks.task import SETTLED_S, Task
-from trocar.tasks.transfer import Carry, across
 
 Array = NDArray[np.float64]
 

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from trocar.descriptions.scenes import Goal
 from trocar.tasks.motions import TRIES, UP, Hand, Motion, together
+from trocar.tasks.scenes.transfer import HandOver
 from trocar.tasks.task import SETTLED_S, Task
-from trocar.tasks.transfer import HandOver
 
 Array = NDArray[np.float64]
 

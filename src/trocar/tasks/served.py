@@ -16,7 +16,8 @@ from trocar.live.inbox import Command
 from trocar.live.state import Elapsed
 from trocar.ros import Component, Core
 from trocar.ros.topic import STRING, Topic, served
-from trocar.tasks.task import EVERY, PERIOD_S, Row, Task
+from trocar.tasks.controller import EVERY, PERIOD_S, Row
+from trocar.tasks.task import Task
 
 Array = NDArray[np.float64]
 
@@ -155,9 +156,9 @@ class ServedTask:
             self._state = task.state()
             if self._scripted and not task.done:
                 action = next(self._script, None)
-                self._rows = task.setpoints(task.stay() if action is None else action)
+                self._rows = task.controller.setpoints(task.stay() if action is None else action)
         if self._rows:
-            task.drive(self._rows.pop(0))
+            task.controller.drive(self._rows.pop(0))
 
     def _report(self) -> None:
         found, sent = self._state, self._sent

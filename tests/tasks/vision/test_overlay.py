@@ -122,7 +122,7 @@ def test_overlays_stay_where_they_belong_while_the_scope_moves() -> None:
 
     task.see = see  # type: ignore[method-assign]
     task.reset(1)
-    rates = np.concatenate([task.idle()["PSM1"], [0.3, 0.2, 0.0, 0.2]])
+    rates = np.concatenate([task.controller.idle()["PSM1"], [0.3, 0.2, 0.0, 0.2]])
     cameras = []
     for _ in range(8):
         task.command(rates)

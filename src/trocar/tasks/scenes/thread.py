@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from trocar.descriptions.scenes import Goal
 from trocar.tasks.motions import TRIES, UP, Hand, Motion, together
+from trocar.tasks.referee import SETTLED_S
 from trocar.tasks.scenes.transfer import HandOver
-from trocar.tasks.task import SETTLED_S, Task
+from trocar.tasks.task import Task
 
 Array = NDArray[np.float64]
 
@@ -43,6 +44,8 @@ class ThreadTask(Task):
 class ThreadHandOver(ThreadTask):
     """One arm lifts a thread by its beginning, the other takes it farther along and carries it."""
 
+    task = "thread-handover"
+
     #: Where along the thread the left and the right arm hold it, how high the right one goes above
     #: that, and where the left one holds it out. Source: our own choice. [m]
     GIVE_M, TAKE_M, OVER_M, MEETING_M = 0.006, 0.03, 0.004, np.array([-0.018, 0.0, 0.034])
@@ -54,12 +57,12 @@ class ThreadHandOver(ThreadTask):
         for _ in range(TRIES):
             if self.met(goal, at):
                 break
-            if self.held(taker.arm) != goal.object:
+            if self.referee.held.get(taker.arm) != goal.object:
                 yield from together(self, **{giver.arm: self._give(giver, goal.object)})
                 take = self.take(taker, goal.object, self.TAKE_M, self.OVER_M)
                 yield from together(self, **{taker.arm: take})
                 yield from together(self, **{giver.arm: self._leave(giver)})
-            carry = taker.shift(self.place(goal, at) - self.object_pose(goal.object)[:3, 3])
+            carry = taker.shift(self.referee.place(goal, at) - self.object_pose(goal.object)[:3, 3])
             yield from together(self, **{taker.arm: carry})
             yield from together(self, **{taker.arm: taker.wait(2.0 * SETTLED_S)})
 
@@ -83,6 +86,8 @@ class ThreadKnot(ThreadTask):
     a knot that still takes `KNOT_M` of it.
     """
 
+    task = "thread-knot"
+
     #: How far from its ends the thread is held, and how high it is lifted. Source: our own choice.
     #: [N, m, m, m]
     PULL_N, KNOT_M, END_M, LIFT_M = 0.5, 0.01, 0.006, 0.012
@@ -96,23 +101,22 @@ class ThreadKnot(ThreadTask):
         name = self.goals[0][0].object
         T = self.object_pose(name)
         self.world.objects[name].set_curve(loose_knot() @ T[:3, :3].T + T[:3, 3])
-        self._begin()
+        self.begin()
         return self.observation()
 
-    def _begin(self) -> None:
+    def begin(self) -> None:
+        """Begin to count, with no tension."""
         self.tension = 0.0
-        super()._begin()
+        super().begin()
 
-    def look(self) -> None:
-        """Note how strongly both sides of the knot were pulled."""
-        if self.world.time >= self.time:
-            found = self.world.threads[self.goals[0][0].object].tension()[[2, -3]]
-            self.tension = max(self.tension, float(found.min()))
-        super().look()
+    def measure(self) -> None:
+        """Measure the largest tension on both sides of the knot."""
+        found = self.world.threads[self.goals[0][0].object].tension()[[2, -3]]
+        self.tension = max(self.tension, float(found.min()))
 
     def met(self, goal: Goal, at: Array) -> bool:
         """Return whether both arms hold a thread with a knot that was pulled shut."""
-        both = all(self.held(arm) == goal.object for arm in self.arms)
+        both = all(self.referee.held.get(arm) == goal.object for arm in self.arms)
         pulled = self.tension >= self.PULL_N and self.knotted() >= self.KNOT_M
         return both and pulled and super().met(goal, at)
 

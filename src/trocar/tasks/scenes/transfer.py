@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from trocar.descriptions.scenes import Goal
 from trocar.tasks.motions import TRIES, UP, Hand, Motion, together
-from trocar.tasks.task import SETTLED_S, Task
+from trocar.tasks.referee import SETTLED_S
+from trocar.tasks.task import Task
 
 Array = NDArray[np.float64]
 
@@ -43,7 +44,7 @@ class Carry(Task):
                 name = goal.object
                 grip = lambda name=name: self.grasp(name)  # noqa: E731
                 yield from hand.take(name, grip, self.WAY_M, self.OPENING, self.LEVEL)
-                place = self.place(goal, at)
+                place = self.referee.place(goal, at)
                 if goal.held:
                     yield from hand.shift(place - self.object_pose(name)[:3, 3])
                 else:
@@ -60,6 +61,8 @@ class Carry(Task):
 class PickPlace(Carry):
     """Cylinders that stand on the table go into cups."""
 
+    task = "pick-place"
+
     #: Source: the scene's cylinders and cups are 14 and 10 mm high. Lower down, the fingers wedge a
     #: cylinder's upper end between them and do not let go of it.
     GRASP_M, WAY_M = 0.0045, 0.03
@@ -68,11 +71,15 @@ class PickPlace(Carry):
 class Retrieve(Carry):
     """An object is lifted, and held at a place in the air."""
 
+    task = "retrieve"
+
     WAY_M = 0.02
 
 
 class NeedlePick(Retrieve):
     """A needle that lies flat is lifted by the middle of its arc, and held in the air."""
+
+    task = "needle-pick"
 
     #: Radius of the arc, and how much higher than other objects a wire is grasped, so that the
     #: fingers' ends do not press into the pad. Source: the scene. [m]
@@ -87,6 +94,8 @@ class NeedlePick(Retrieve):
 class PegBoard(Carry):
     """Rings and triangles go from pegs to other pegs."""
 
+    task = "peg-board"
+
     OPENING = 0.6
 
     def grasp(self, name: str) -> tuple[Array, float]:
@@ -100,7 +109,7 @@ class PegBoard(Carry):
     def pegs(self) -> list[Array]:
         """Return where the pegs are: the goals, and where the objects begin."""
         return [
-            *(self.place(goal, at) for goal, at in self.goals),
+            *(self.referee.place(goal, at) for goal, at in self.goals),
             *(prop.pose[:3, 3] for prop in self.scene.rig.objects),
         ]
 
@@ -119,6 +128,8 @@ class HandOver(Task):
         MEETING_M: where it is handed over [m]
     """
 
+    task = "hand-over"
+
     GIVE, TAKE, RADIUS_M, RAISED_M = np.pi, 0.0, 0.0, 0.001
     WAY_M, RELEASE_M, OPENING, LEVEL = 0.025, 0.002, 0.6, False
     MEETING_M = np.array([0.0, 0.0, 0.035])
@@ -129,7 +140,7 @@ class HandOver(Task):
         """Yield the actions of the scripted policy."""
         hands = {arm: Hand(self, arm) for arm in self.arms}
         for _ in range(TRIES * (1 + max(goal.stage for goal, _ in self.goals))):
-            stage, before = self.stage, None
+            stage, before = self.referee.stage, None
             for goal, at in self.goals:
                 if goal.stage != stage or self.met(goal, at):
                     continue
@@ -193,7 +204,7 @@ class HandOver(Task):
 
     def _end(self, hand: Hand, goal: Goal, at: Array) -> Motion:
         """Bring the object to its goal in the end."""
-        place = self.place(goal, at)
+        place = self.referee.place(goal, at)
         if goal.held:
             yield from hand.shift(place - self.object_pose(goal.object)[:3, 3])
         else:
@@ -209,17 +220,19 @@ class WallTransfer(HandOver):
     point each.
     """
 
+    task = "wall-transfer"
+
     MEETING_M = np.array([0.0, 0.0, 0.055])
 
-    def _begin(self) -> None:
+    def begin(self) -> None:
+        """Begin to count, and estimate the pose of the board."""
         self.hands: dict[str, set[str]] = {}
-        super()._begin()
-        self._T_board = self._estimated()
+        super().begin()
+        self.T_board = self._estimated()
 
-    def look(self) -> None:
-        """Note who has had which ring."""
-        super().look()
-        for arm, name in self._held.items():
+    def measure(self) -> None:
+        """Note the hands that each ring has been in."""
+        for arm, name in self.referee.held.items():
             self.hands.setdefault(name, set()).add(arm)
 
     def met(self, goal: Goal, at: Array) -> bool:
@@ -228,7 +241,7 @@ class WallTransfer(HandOver):
 
     def score(self) -> float:
         """Return a point for each ring at its goal."""
-        return float(self._met)
+        return float(self.referee.met_count)
 
     def _estimated(self) -> Array:
         """Return the board's pose as the rings show it that lie on its pegs."""
@@ -244,13 +257,15 @@ class WallTransfer(HandOver):
         return T @ props[self.goals[0][0].on].pose
 
     def _end(self, hand: Hand, goal: Goal, at: Array) -> Motion:
-        place = self._T_board[:3, :3] @ at + self._T_board[:3, 3]
+        place = self.T_board[:3, :3] @ at + self.T_board[:3, 3]
         over = place + self.RELEASE_M * UP
         yield from hand.place(goal.object, over, self.WAY_M, self.OPENING)
 
 
 class NeedleHandOver(HandOver):
     """A needle goes from the left arm to the right one."""
+
+    task = "needle-handover"
 
     GIVE, TAKE = np.radians(150.0), np.radians(30.0)
     RADIUS_M, RAISED_M = NeedlePick.RADIUS_M, NeedlePick.GRASP_M
@@ -259,6 +274,8 @@ class NeedleHandOver(HandOver):
 
 class NeedleRegrasp(NeedleHandOver):
     """A needle goes from the left arm to the right one and back, held at another place."""
+
+    task = "needle-regrasp"
 
     #: Where the left arm takes it again. Source: our own choice. [rad]
     AGAIN = np.radians(120.0)

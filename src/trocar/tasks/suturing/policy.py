@@ -17,6 +17,7 @@ from trocar.geometry.rotations import (
 )
 from trocar.geometry.se3 import exp_twist, inverse, log_transform, transform
 from trocar.simulation.tissue.tissues import SoftTissue
+from trocar.tasks.controller import PERIOD_S
 from trocar.tasks.motions import UP, Hand, Motion, together
 from trocar.tasks.suturing.planning import (
     ABOVE_M,
@@ -27,7 +28,7 @@ from trocar.tasks.suturing.planning import (
     TipWorkspace,
     needle_on_circle,
 )
-from trocar.tasks.task import PERIOD_S, Task
+from trocar.tasks.task import Task
 
 Array = NDArray[np.float64]
 
@@ -154,7 +155,7 @@ class NeedleHand(Hand):
         """
         behind = 0
         for T in poses:
-            now = self.task.target(self.arm)
+            now = self.task.controller.target(self.arm)
             change = rotation_vector_from_matrix(T[:3, :3] @ now[:3, :3].T)
             way = T[:3, 3] - now[:3, 3]
             far = float(np.linalg.norm(way)) > 0.006 or float(np.linalg.norm(change)) > 0.15
@@ -177,20 +178,23 @@ class NeedleHand(Hand):
     def line(self, goal: Array, speed: float = 0.05) -> Motion:
         """Go straight to a pose in the world (4, 4), and settle."""
         yield from self.go(goal, speed)
-        now = self.task.target(self.arm)
+        now = self.task.controller.target(self.arm)
         if np.linalg.norm(goal[:3, 3] - now[:3, 3]) > 1e-3:
             raise StitchError(f"{self.arm} does not reach {np.round(1e3 * goal[:3, 3], 1)} mm")
 
     def give_way(self) -> Motion:
         """Bring the set-point half of the way to where the tip is, for a period."""
-        now, goal = self.task.target(self.arm), self.task.world.arms[self.arm].tip_in_world().T
+        now, goal = (
+            self.task.controller.target(self.arm),
+            self.task.world.arms[self.arm].tip_in_world().T,
+        )
         change = rotation_vector_from_matrix(goal[:3, :3] @ now[:3, :3].T)
         way = np.concatenate([goal[:3, 3] - now[:3, 3], change])
         yield np.append(0.5 * way / PERIOD_S, self.jaw)
 
     def back(self, way: float, speed: float = 0.08) -> Motion:
         """Withdraw along the jaw [m]."""
-        yield from self.shift(-way * self.task.target(self.arm)[:3, 2], speed)
+        yield from self.shift(-way * self.task.controller.target(self.arm)[:3, 2], speed)
 
 
 class Sewing:
@@ -374,7 +378,7 @@ class Sewing:
     def _pull_way(self, stitch: Stitch) -> Array:
         """Return the direction of the pull, (3,)."""
         world, along = self.task.world, stitch.wound[:3, 0]
-        start = self.task.target(stitch.taker)[:3, 3]
+        start = self.task.controller.target(stitch.taker)[:3, 3]
         port = self.hands[stitch.taker].reach.port
         aside = along * np.sign(along @ (port - stitch.wound[:3, 3]))
         axes = np.array([stitch.side * stitch.wound[:3, 1], UP, aside])
@@ -395,7 +399,7 @@ class Sewing:
 
     def _pull(self, hand: NeedleHand, held: Array, way: Array) -> Iterator[Array]:
         """Pull along a way, (3,), the needle's end behind the jaw: thread does not turn it then."""
-        start, tension, pulled = self.task.target(hand.arm), 0.0, 0.0
+        start, tension, pulled = self.task.controller.target(hand.arm), 0.0, 0.0
         most = self.op.tissue.tissue.thread.free + GIVES_M
         grip = held[:3, 3] + REACH_M * held[:3, 2]
         chord = (start @ inverse(held))[:3, :3] @ (grip - self.needle.swage[:3, 3])
@@ -420,7 +424,7 @@ class Sewing:
     def _hand_back(self, stitch: Stitch, held: Array) -> Generator[Array, None, Array]:
         """Turn the needle on in the air and give it back; return how the driver holds it."""
         give = self.hands[stitch.taker]
-        begin = self.task.target(give.arm) @ inverse(held)
+        begin = self.task.controller.target(give.arm) @ inverse(held)
         start = stitch.start + np.radians(4.0)
         goal = stitch.needle_pose(self.needle, start)
         goal[2, 3] += 0.018
@@ -485,7 +489,7 @@ class Sewing:
         def way() -> Iterator[Array]:
             angle, last = angles
             first = stitch.needle_pose(self.needle, angle) @ held
-            beside = log_transform(inverse(first) @ self.task.target(hand.arm))
+            beside = log_transform(inverse(first) @ self.task.controller.target(hand.arm))
             while angle < last:
                 angle = min(last, angle + rate * PERIOD_S)
                 left = max(0.0, 1.0 - (angle - angles[0]) / ONTO_RAD)

@@ -15,8 +15,9 @@ from trocar.descriptions.inertial import STANDARD_GRAVITY
 from trocar.errors import DescriptionError, InputError, UnknownNameError
 from trocar.geometry.se3 import inverse, transform
 from trocar.simulation import World
-from trocar.tasks import Ending, Task, make_task, run_episode
+from trocar.tasks import Ending, Task, make_task, run_episode, task_names
 from trocar.tasks.motions import Hand, together
+from trocar.tasks.registry import task_class
 from trocar.tasks.scenes.transfer import WallTransfer
 from trocar.tasks.scenes.vision import VisualServoing
 
@@ -376,6 +377,38 @@ def test_objects_that_cannot_lie_apart_are_rejected_by_name(touch: Path) -> None
 def test_an_unknown_scene_is_an_error_with_the_nearest_name() -> None:
     with pytest.raises(UnknownNameError, match=r"did you mean 'peg-board'\?"):
         load_scene("peg-bord")
+
+
+def test_every_name_of_a_class_of_tasks_leads_to_that_class() -> None:
+    scene = load_scene("peg-board")
+    for name in task_names():
+        found = task_class(replace(scene, task=name))
+        assert found.task == name and found.__module__ == task_names()[name]
+    assert {load_scene(name).task for name in names("scenes")} < set(task_names())
+
+
+def test_a_task_steps_as_environments_of_gymnasium_do(touch: Path) -> None:
+    task = make_task(replace(load_scene(touch), time_limit=0.1))
+    seen, reward, terminated, truncated, info = task.step(task.stay())
+    assert seen["time"] == pytest.approx([0.02])
+    assert (reward, terminated, truncated, info["done"]) == (0.0, False, False, False)
+    endings: list[tuple[bool, bool]] = []
+    while not task.done:
+        endings.append(task.step(task.stay())[2:4])
+    assert endings == [(False, False)] * 3 + [(False, True)]
+    task.reset(0)
+    task.world.objects["cube"].set_cp(transform(np.eye(3), [0.3, 0.0, -1.0]))
+    assert task.step(task.stay())[2:4] == (True, False)
+    assert task.result(0).ending is Ending.FAILURE
+
+
+def test_a_class_may_replace_the_reward(touch: Path) -> None:
+    class Shaped(Task):
+        def reward(self) -> float:
+            return 7.0
+
+    task = Shaped(replace(load_scene(touch), task="task"))
+    assert task.command(task.stay()) == 7.0
 
 
 def test_a_class_that_is_no_task_is_rejected(touch: Path) -> None:

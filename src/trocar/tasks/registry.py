@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -46,6 +47,21 @@ def make_task(scene: Scene | str | Path) -> Task:
     """
     found = scene if isinstance(scene, Scene) else load_scene(scene)
     return task_class(found)(found)
+
+
+def scene_with(name: str | Path, settings: Mapping[str, Any]) -> Scene:
+    """Load a scene with settings, and with those that its class derives from them.
+
+    Args:
+        name: of the scene, or the path of its TOML file
+        settings: {dotted path: value}, as for `load_scene`
+
+    Raises:
+        UnknownNameError, DescriptionError, InputError: as `load_scene` and `task_class`
+    """
+    scene = load_scene(name, settings)
+    derived = task_class(scene).derived_settings(scene, load_scene(name))
+    return load_scene(name, {**derived, **settings}) if derived else scene
 
 
 def task_class(found: Scene) -> type[Task]:

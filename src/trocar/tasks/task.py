@@ -269,6 +269,15 @@ class Task:
 
     # ------------------------------------------------------------------ a class replaces these
 
+    @classmethod
+    def derived_settings(cls, scene: Scene, nominal: Scene) -> dict[str, Any]:  # noqa: ARG003
+        """Return settings of a scene that follow from its other settings; none here.
+
+        Args:
+            scene, nominal: with and without settings
+        """
+        return {}
+
     def begin(self) -> None:
         """Count from now on, from where everything is; a reset of the world by others begins, too.
 

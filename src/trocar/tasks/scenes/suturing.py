@@ -21,6 +21,7 @@ from trocar.tasks.controller import PERIOD_S
 from trocar.tasks.referee import SETTLED_S
 from trocar.tasks.suturing.planning import Plan, make_plan, wound_frame
 from trocar.tasks.suturing.policy import PerceptionNoise, Sewing, StitchError
+from trocar.tasks.suturing.scene import settings_of_stitches
 from trocar.tasks.suturing.scores import Watch, score_pass
 from trocar.tasks.task import Task
 
@@ -65,6 +66,11 @@ class Suturing(Task):
     def __init__(self, scene: Scene) -> None:
         self._seed, self.banner = 0, ""
         super().__init__(scene)
+
+    @classmethod
+    def derived_settings(cls, scene: Scene, nominal: Scene) -> dict[str, Any]:
+        """Return settings of thread and time for other numbers of stitches."""
+        return settings_of_stitches(scene, nominal)
 
     def reset(self, seed: int) -> dict[str, Array]:
         """Begin an episode: the wound, its stiffness and the needle are drawn."""

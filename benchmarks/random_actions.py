@@ -23,7 +23,7 @@ FASTEST_M_S, DEEPEST_M = 5.0, 0.002
 
 @dataclass
 class Extremes:
-    """What came of all episodes of a scene.
+    """Extremes of all episodes of a scene.
 
     Attributes:
         time: how long they lasted [s]

@@ -39,7 +39,7 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class Case:
-    """What is sewn.
+    """A case of the benchmark.
 
     Attributes:
         stitches, needle, tissue: as of `suturing_scene`
@@ -137,7 +137,7 @@ def _task(case: Case) -> Suturing:
 
 
 def _sewn(task: Suturing, seed: int) -> Row:
-    """Return what came of an episode, and the processor time of it and of its physics [s]."""
+    """Return the result of an episode, and the processor time of it and of its physics [s]."""
     step, spent = task.world.step, [0.0]
 
     def timed(n: int = 1) -> None:
@@ -164,7 +164,7 @@ def _sewn(task: Suturing, seed: int) -> Row:
 
 
 def _bare_us(world: World) -> float:
-    """Return what a step of MuJoCo alone takes from where a world is [us]."""
+    """Return the time of a step of MuJoCo alone from a world's state [us]."""
     model, data = world.mj_model, mujoco.MjData(world.mj_model)
     state = mujoco.mjtState.mjSTATE_INTEGRATION
     row = np.zeros(mujoco.mj_stateSize(model, state))

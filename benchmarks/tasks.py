@@ -48,7 +48,7 @@ def tasks(
     When none is named, of all built-in ones, and what an object costs that is asleep or awake.
 
     Args:
-        scenes, episodes, watch: which, how many of each, and what reports progress
+        scenes, episodes, watch: names, number of each, and function that reports progress
         file: keeps each episode as a line of JSON; those that it has are not run again
     """
     found: list[Figure] = []
@@ -59,7 +59,7 @@ def tasks(
 
 
 def _episodes(name: str, episodes: int, file: Path | None) -> tuple[list[Episode], float, float]:
-    """Run the episodes of a scene that a file lacks; return what `figures` takes, of all."""
+    """Run the episodes of a scene that a file lacks; return the arguments of `figures`, of all."""
     known: dict[int, tuple[Episode, float, float]] = {}
     if file is not None and file.exists():
         called = load_scene(name).name
@@ -98,7 +98,7 @@ def _psm() -> tuple[mujoco.MjModel, mujoco.MjData]:
 
 
 def asleep_and_awake() -> list[Figure]:
-    """Return what a step of a ring on its peg takes, asleep and awake, beside the arms alone."""
+    """Return the time of a step with a ring on its peg, asleep and awake, beside the arms alone."""
     task = make_task("peg-transfer")
     task.world.step(2000)
     model, data = task.world.mj_model, mujoco.MjData(task.world.mj_model)

@@ -19,15 +19,15 @@ from trocar.tasks.task import Task
 Array = NDArray[np.float64]
 Motion = Iterator[Array]
 
-#: How far the ends of the pads are beyond what they hold. Source: our own choice, the radius of a
-#: peg and of a ring's rubber, and more. [m]
+#: Distance of the pads' ends beyond the held object. Source: our own choice, the radius of a peg
+#: and of a ring's rubber, and more. [m]
 BEYOND_M = 0.002
-#: How often a grasp is tried, and how far its object may be tilted then. Source: our own choice; a
-#: needle that is tilted by more than 12 deg turns on in the jaw. [rad]
+#: Tries of a grasp, and the largest tilt of its object. Source: our own choice; a needle that is
+#: tilted by more than 12 deg turns on in the jaw. [rad]
 TRIES, TILTED_RAD = 3, math.radians(12.0)
 #: Peak speeds of scripted motion. Source: our own choice. [m/s, rad/s]
 SPEED_M_S, SPIN_RAD_S = 0.12, 2.5
-#: A minimum-jerk motion is 15/8 times as fast in its middle as on average. Source: its polynomial.
+#: Peak speed of a minimum-jerk motion over its mean speed. Source: its polynomial.
 PEAK = 15.0 / 8.0
 #: Openings of the jaw. Source: our own choice. [rad]
 OPEN, GRIP = 0.9, -0.3
@@ -47,7 +47,7 @@ class Hand:
     Attributes:
         task, arm: as given
         jaw: opening that motions keep [rad]
-        reach: how far beyond the tip, the fingers' pivot, objects are held [m]
+        reach: distance of held objects beyond the tip, the fingers' pivot [m]
     """
 
     def __init__(self, task: Task, arm: str) -> None:

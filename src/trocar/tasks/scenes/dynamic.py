@@ -1,4 +1,4 @@
-"""Tasks about what moves by itself: push, stack, stop, pull, carry with two arms, carry balls."""
+"""Dynamic tasks: push, stack, stop a pendulum, pull a band, carry with two arms, carry balls."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class Push(Task):
     task = "push"
 
     #: Radius of the puck and of the jaw's end, height of the pads' ends above the table, height of
-    #: the way, speed, and how far the jaw goes off the line per millimetre of the puck. Source: the
-    #: scene's puck; the rest is our own choice. [m, m/s]
+    #: the way, speed, and steering: speed of the jaw across the line per distance of the puck
+    #: from it. Source: the scene's puck; the rest is our own choice. [m, m/s, 1/s]
     RADIUS_M, END_M, LOW_M, WAY_M, SPEED_M_S, STEER = 0.01, 0.003, 0.003, 0.03, 0.03, 2.0
 
     def policy(self) -> Iterator[Array]:
@@ -58,7 +58,7 @@ class Push(Task):
             yield from hand.wait(2.0 * SETTLED_S)
 
     def _way(self, goal: Goal, at: Array) -> tuple[Array, float]:
-        """Return the direction from the object to its place and how far it is, [m]."""
+        """Return the direction from the object to its place, and the distance [m]."""
         way = (at - self.object_pose(goal.object)[:3, 3]) * [1.0, 1.0, 0.0]
         far = float(np.linalg.norm(way))
         return way / max(far, 1e-9), far
@@ -80,12 +80,12 @@ class Pendulum(Task):
 
     task = "pendulum"
 
-    #: Speed of the bob at rest; how far from the bob's middle the jaw meets it, height above it.
-    #: Source: our own choice, the bob of the scene. [m/s, m]
+    #: Speed of the bob at rest; distance from the bob's middle at which the jaw meets it, height
+    #: above it. Source: our own choice, the bob of the scene. [m/s, m]
     REST_M_S, SIDE_M, WAY_M = 0.02, 0.009, 0.03
 
     def met(self, goal: Goal, at: Array) -> bool:
-        """Return whether it hangs at rest, and alone."""
+        """Return whether it hangs at rest, away from the jaw."""
         states = self.referee.states
         row = states.names.index(goal.object)
         T = self.object_pose(goal.object)
@@ -126,10 +126,10 @@ class BandPull(Task):
 
     task = "band-pull"
 
-    #: Speed per newton, how near the tension must be, and how long. Source: our own choice.
-    #: [m/s, N, s]
+    #: Speed per newton, tolerance of the tension, and time for which it must be kept. Source: our
+    #: own choice. [m/s/N, N, s]
     M_S_PER_N, NEAR_N, HELD_S = 0.04, 0.05, 1.0
-    #: The range that a reset draws it from. Source: our own choice. [N]
+    #: Range of the tension that a reset draws. Source: our own choice. [N]
     LEAST_N, MOST_N = 0.5, 1.2
     WAY_M = 0.015
 
@@ -145,7 +145,7 @@ class BandPull(Task):
         super().begin()
 
     def observation(self) -> dict[str, Array]:
-        """Return also the tension that the band has, and the one that it shall have [N]."""
+        """Return also the tension of the band, and the goal of it [N]."""
         return {**super().observation(), "tension": np.array([self.tension(), self.wanted])}
 
     def tension(self) -> float:
@@ -188,7 +188,7 @@ class BarCarry(Task):
 
     task = "bar-carry"
 
-    #: Where the arms hold it, from its middle along its x axis; heights. Source: the scene. [m]
+    #: Distance of the grips from its middle, along its x axis; heights. Source: the scene. [m]
     END_M, WAY_M, RELEASE_M, OPENING = 0.026, 0.02, 0.001, 0.9
 
     def policy(self) -> Iterator[Array]:

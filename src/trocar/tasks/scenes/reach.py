@@ -16,7 +16,7 @@ from trocar.tasks.task import Task
 
 Array = NDArray[np.float64]
 
-#: Share of the distance to its goal that the endoscope goes in a period. Source: our own choice.
+#: Ratio of the distance to its goal that the endoscope goes in a period. Source: our own choice.
 GAIN = 0.1
 #: Step of finite differences [rad, m]. Source: our own choice.
 STEP = 1e-5
@@ -49,7 +49,7 @@ class Reach(Task):
             yield self.joint_rates(arm, lambda T: T[:3, 3], error)
 
     def joint_rates(self, arm: str, value: Callable[[Array], Array], error: Array) -> Array:
-        """Return an endoscope's joint velocities that lessen an error of something about its tip.
+        """Return an endoscope's joint velocities that reduce an error of its tip.
 
         Args:
             arm: name of the endoscope
@@ -103,7 +103,7 @@ class ActiveTrack(Track):
 
     #: Radius of the circle and time of a turn. Source: our own choice. [m, s]
     CIRCLE_M, TURN_S = 0.03, 12.0
-    #: Share of the time. Source: our own choice.
+    #: Least ratio of the looks at which the target is in the middle. Source: our own choice.
     SHARE = 0.95
     #: Time to find the target at the beginning. Source: our own choice. [s]
     FIND_S = 2.0

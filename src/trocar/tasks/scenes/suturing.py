@@ -30,10 +30,11 @@ Array = NDArray[np.float64]
 #: Half the range of the wound's place and rotation, and the largest factor on its stiffness, each
 #: way. Source: our own choice. [m, rad]
 PLACE_M, TURN_RAD, STIFFER = 0.015, np.radians(20.0), 2.0
-#: Points that are seen of a wound, and the share of its length that they are seen of. Source: our
+#: Points that are seen of a wound, and the ratio of its length along which they lie. Source: our
 #: own choice.
 SEEN, SEEN_SHARE = 15, 0.9
-#: Stitches are scored every so many periods. Source: our own choice, 10 Hz: forces change slowly.
+#: Periods between two measurements of stitches. Source: our own choice, 10 Hz: forces change
+#: slowly.
 LOOK_PERIODS = 5
 #: Units at the end of the scores' names.
 UNITS = ("mm", "um", "deg", "n", "s")
@@ -42,7 +43,7 @@ UNITS = ("mm", "um", "deg", "n", "s")
 RING_M, RING, RING_RGBA = (1.2e-3, 1.2e-4, 2e-4), 16, (0.35, 0.75, 1.0, 1.0)
 #: Height of a banner by that of the picture. Source: our own choice.
 BANNER = 0.055
-#: A stitch is closed with less than this between the edges. Source: our own choice. [m]
+#: Largest gap between the edges at a closed stitch. Source: our own choice. [m]
 CLOSED_M = 3e-4
 
 
@@ -51,8 +52,8 @@ class Suturing(Task):
 
     Attributes:
         tissue: that is stitched
-        noise, noise_rng: errors of what the policy sees, and their generator
-        banner: what the policy does
+        noise, noise_rng: errors of the policy's perception, and their generator
+        banner: step that the policy executes
         find_wound: returns points of the wound's middle from noisy ones, both in the world (n, 3)
             [m]; None: these are taken as they are
     """

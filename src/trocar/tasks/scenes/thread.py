@@ -27,7 +27,7 @@ class ThreadTask(Task):
     RAISED_M, WAY_M, OPENING = 0.001, 0.02, 0.6
 
     def middle(self, name: str, along: float) -> tuple[Array, float]:
-        """Return the place of a thread so far from its beginning, and the direction across it."""
+        """Return the place at a distance from a thread's beginning, and the direction across it."""
         thread = self.world.threads[name]
         points = thread.points()
         number = along / thread.thread.link
@@ -37,7 +37,7 @@ class ThreadTask(Task):
         return point, float(np.arctan2(way[1], way[0])) + 0.5 * np.pi
 
     def take(self, hand: Hand, name: str, along: float, height: float) -> Motion:
-        """Lift a thread by so much, by the place so far from its beginning [m]."""
+        """Lift a thread to a height, gripped at a distance from its beginning [m]."""
         yield from hand.take(name, lambda: self.middle(name, along), height, self.OPENING)
 
 
@@ -46,8 +46,8 @@ class ThreadHandOver(ThreadTask):
 
     task = "thread-handover"
 
-    #: Where along the thread the left and the right arm hold it, how high the right one goes above
-    #: that, and where the left one holds it out. Source: our own choice. [m]
+    #: Places along the thread of the left and the right arm's grip, height of the right one above
+    #: its place, and the place at which the left one holds it out. Source: our own choice. [m]
     GIVE_M, TAKE_M, OVER_M, MEETING_M = 0.006, 0.03, 0.004, np.array([-0.018, 0.0, 0.034])
 
     def policy(self) -> Iterator[Array]:
@@ -88,11 +88,11 @@ class ThreadKnot(ThreadTask):
 
     task = "thread-knot"
 
-    #: How far from its ends the thread is held, and how high it is lifted. Source: our own choice.
-    #: [N, m, m, m]
+    #: Tension and length of the knot at which the goal is met, distance of the grips from the
+    #: ends, and height to which the thread is lifted. Source: our own choice. [N, m, m, m]
     PULL_N, KNOT_M, END_M, LIFT_M = 0.5, 0.01, 0.006, 0.012
-    #: How far each arm pulls and how fast, until the knot has only so much of the thread. Source:
-    #: our own choice; jaws that jerk lose thread. [m, m/s, m]
+    #: Distance and speed of each arm's pull, and the length of the knot that ends it. Source: our
+    #: own choice; jaws that jerk lose thread. [m, m/s, m]
     PULLS = ((0.05, 0.03, 0.038), (0.02, 0.006, 0.0))
 
     def reset(self, seed: int) -> dict[str, Array]:
@@ -121,7 +121,7 @@ class ThreadKnot(ThreadTask):
         return both and pulled and super().met(goal, at)
 
     def knotted(self) -> float:
-        """Return how much of the thread between both grips is not straight [m]."""
+        """Return the length by which the thread between both grips exceeds their distance [m]."""
         thread = self.world.threads[self.goals[0][0].object]
         points = thread.points()[2:-2]
         return float(

@@ -49,8 +49,8 @@ Picture = NDArray[np.uint8]
 
 #: Commands of 20 ms between images. Source: our own choice, 25 images a second as in videos.
 COMMANDS = 2
-#: How the images look unless the scene says otherwise: style, and noise as a share of white.
-#: Source: our own choice; the goals of tracking.
+#: Look of the images unless the scene has another: style, and noise as a ratio of white. Source:
+#: our own choice; the goals of tracking.
 LOOK: Mapping[str, Any] = {"style": "surgical", "noise": 0.03}
 #: Directions in which a box's outline is touched, and rounds of weights. Source: our own choice.
 DIRECTIONS, ROUNDS = 36, 12
@@ -83,7 +83,7 @@ class EndoscopeTask(Task):
         super().begin()
 
     def look(self) -> None:
-        """Take in images when they are due, then note what counts."""
+        """Judge as other tasks, then take in images when they are due."""
         super().look()
         if self._looks % COMMANDS == 0 and not self.done:
             frame = self.scope().capture_next()
@@ -108,7 +108,7 @@ class EndoscopeTask(Task):
         return self._scope
 
     def see(self, frame: StereoFrame) -> list[Item]:
-        """Take in a frame and return what to draw into it."""
+        """Take in a frame and return the items to draw into it."""
         raise NotImplementedError
 
     def measured_left(self) -> Array:
@@ -126,7 +126,7 @@ class EndoscopeTask(Task):
         return self.shown
 
     def close(self) -> None:
-        """Let go of the graphics library."""
+        """Release the graphics library."""
         if self._scope is not None:
             self._scope.close()
             self._scope = None
@@ -137,13 +137,12 @@ class NeedleTracking(EndoscopeTask):
 
     task = "needle-tracking"
 
-    #: Length of the path in the air, its size, and by how much the needle turns. Source: our own
+    #: Duration and size of the path in the air, and rotation of the needle on it. Source: our own
     #: choice; the tip moves at up to 25 mm/s. [s, m, rad]
     CARRY_S, PATH_M, TURN_RAD = 5.0, np.array([0.012, 0.007, 0.003]), 0.35
-    #: Where that path begins: before the scope, in its axis, in the world [m].
+    #: Beginning of that path: before the scope, in its axis, in the world [m].
     MIDDLE = np.array([0.0, -0.012, 0.018])
-    #: How much higher than other objects a wire is grasped, and the way above it. Source: as in
-    #: needle-pick. [m]
+    #: Height of the grasp above the wire, and of the way. Source: as in needle-pick. [m]
     RAISED_M, WAY_M = 0.0012, 0.02
     topics: Mapping[str, str] = {
         "needle/estimate": "pose in the left eye's frame, standard deviations and state, as JSON",
@@ -311,10 +310,10 @@ class VisualServoing(EndoscopeTask):
 
     task = "visual-servoing"
 
-    #: Time of the scripted work, and where the block goes: the middle and half the range. Source:
-    #: our own choice. [s, m]
+    #: Time of the scripted work, and half the range of the block's places. Source: our own choice.
+    #: [s, m]
     WORK_S, RANGE_M = 60.0, np.array([0.026, 0.022, 0.008])
-    #: How fast. Source: the goals have 10 mm/s. [m/s]
+    #: Speed of the block. Source: the goals have 10 mm/s. [m/s]
     SPEED_M_S = 0.02
     #: Depth from the camera at which the block is kept [m]. Source: our own choice.
     DEPTH_M = 0.09
@@ -338,7 +337,7 @@ class VisualServoing(EndoscopeTask):
         )
 
     def see(self, frame: StereoFrame) -> list[Item]:
-        """Find the block in both eyes and note where it is."""
+        """Find the block in both eyes, and record its pixels."""
         pixels = [blue_box(image) for image in frame.eyes]
         left, right = pixels
         q = self.world.arms[self._ecm].positions()
@@ -374,12 +373,12 @@ class VisualServoing(EndoscopeTask):
         return depth * np.append(flat, 1.0)
 
     def messages(self) -> dict[str, Any]:
-        """Return where the block was found in the newest images."""
+        """Return the block's pixels in the newest images."""
         found, self._messages = self._messages, {}
         return found
 
     def figures(self) -> dict[str, float]:
-        """Return how well the block is kept in view, by name with units."""
+        """Return the errors of keeping the block in view, by name with units."""
         rows = np.array(self._rows).reshape(-1, 5)
         if not len(rows):
             return {}

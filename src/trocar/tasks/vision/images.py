@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 Picture = NDArray[np.uint8]
 
-#: A line point lies within this of its pixel's middle. Source: Steger 1998, with slack. [px]
+#: Largest distance of a line point from its pixel's middle. Source: Steger 1998, with slack. [px]
 SUBPIXEL = 0.6
 
 

@@ -64,7 +64,7 @@ class ForceScore:
     """Scores of a force over time.
 
     Source: Trejos et al., Surgical Endoscopy 28(7), 2014 (peak, mean and integral of the force
-    tell novices from experts).
+    separate novices from experts).
 
     Attributes:
         peak, mean: of its magnitude [N]

@@ -120,7 +120,7 @@ class ServedTask:
         self._report()
 
     def _exchanged(self) -> str:
-        """Name arms that lack the scene's instrument, without which it cannot go on; "" for none."""
+        """Name arms that lack the instrument of the scene, which then stops; "" for none."""
         arms = self.task.world.arms
         off = [name for name, tool in self._tools.items() if arms[name].description.tool != tool]
         names = ", ".join(off)

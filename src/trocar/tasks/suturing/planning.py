@@ -341,7 +341,7 @@ class TipWorkspace:
             return None
 
     def room(self, T: Array) -> tuple[float, str]:
-        """Return the most room of joints to limits with the tip at a pose in the world, and the joint.
+        """Return the most room of joints to limits with the tip at a pose, and the nearest joint.
 
         Returns:
             the least distance, below 0 beyond a limit, -inf where no turning joint is in the way

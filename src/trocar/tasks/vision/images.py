@@ -108,7 +108,7 @@ def filtered_rows(values: Floats, kernel: Array) -> Floats:
 
 
 def smoothed_columns(values: Floats, count: int) -> Floats:
-    """Return means of so many rows, (n, k)."""
+    """Return means of `count` rows, (n, k)."""
     cv2 = opencv()
     return cv2.blur(values, (1, count), borderType=cv2.BORDER_REPLICATE)
 

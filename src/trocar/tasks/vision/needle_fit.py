@@ -48,7 +48,7 @@ REACH_M, ALONG_M = 0.0024, 0.00006
 END_RAD, POINT_PX = np.deg2rad(1.5), 1.2
 #: Profiles of the point, where the wire is thinner than what it is matched with, slide towards a
 #: shadow beside it: in the filter they weigh nothing from this share of the wire's width on. A
-#: search needs them: they tell poses apart. Source: 20 rendered needles, one of which was 3 degrees
+#: search needs them: they separate poses. Source: 20 rendered needles, one of which was 3 degrees
 #: off by two profiles.
 THIN = 0.5
 #: Bounds of the evidence, beyond which glints and shadows are cut off. Source: our own choice.

@@ -21,7 +21,8 @@ NEAREST_M, FARTHEST_M = 0.04, 0.16
 LINES = 0.03
 #: Triples of points that are tried, and circles that are scored. Source: our own choice.
 TRIPLES, CIRCLES = 2400, 400
-#: Largest distance of a seen point from a line, by the focal length, 3.7 px at 1280x720; the second for jaws, whose pose has an error. Source: our own choice.
+#: Largest distance of a seen point from a line, by the focal length, 3.7 px at 1280x720; the second
+#: for jaws, whose pose has an error. Source: our own choice.
 NEAR, NEAR_HELD = 1.0 / 300.0, 1.0 / 110.0
 #: Largest error of the radius of a circle through three points [m]. Source: stereo noise at 100 mm.
 RADIUS_M = 0.0022

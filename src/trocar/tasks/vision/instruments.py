@@ -37,9 +37,9 @@ FLOOR, SMOOTH = 4.0, 1.6
 INNER = 0.4
 #: Least share of the prediction's edges that the image has. Source: our own choice.
 LEAST = 0.15
-#: A marker's pixels differ from grey by this at least [grey levels], by a share of what its
-#: clearest one does, and in its own direction by so much more than across it; it has so many
-#: pixels, and both eyes agree on its place to this [px]. Source: our own choice.
+#: A marker: least difference of its pixels from grey [grey levels], the same by the clearest
+#: pixel, ratio of the difference in its own direction to that across, least number of pixels, and
+#: largest disagreement of both eyes on its place [px]. Source: our own choice.
 PALE, CLEAR, PURE, LEAST_PX, APART_PX = 12.0, 0.5, 1.5, 12, 3.0
 #: Parts of an instrument that are compared.
 PARTS = ("wrist_pitch", "wrist_yaw", "finger_left", "finger_right")

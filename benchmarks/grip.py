@@ -1,4 +1,4 @@
-"""What a jaw holds: slip of a needle that is carried about, and the load at which it lets go."""
+"""Grip of a jaw: slip of a needle that is carried about, and the load at which it lets go."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 SLIP_M, TURN_DEG, PULL_N, PULL_M, LOOSE_M, SHARE = 5e-6, 0.01, 5.0, 2e-5, 2e-3, 0.05
 #: Half a circle of wire: its radius and the wire's, and into how many capsules it is cut [mm].
 RADIUS, WIRE, PIECES = 10.0, 0.5, 12
-#: How far beyond the jaw's pivot the wire lies [m].
+#: Distance of the wire beyond the jaw's pivot [m].
 REACH_M = 0.0085
 #: The motion that the needle is carried through: amplitudes and frequencies of the joints
 #: [rad or m, Hz].
@@ -133,7 +133,7 @@ class Grip:
         return self.world.reference_pose("PSM1") @ self.arm.local_measured_cp().T
 
     def needle_in_finger(self) -> Array:
-        """Return where the needle is in the left finger, (4, 4)."""
+        """Return the needle's pose in the left finger, (4, 4)."""
         world, shadow = self.world, self._shadow
         shadow.qpos[:] = world.mj_data.qpos
         mujoco.mj_kinematics(world.mj_model, shadow)
@@ -144,7 +144,7 @@ class Grip:
         return inverse(finger) @ needle
 
     def slip(self) -> tuple[float, float]:
-        """Return how far the needle is from where it was held, at the wire [m, rad]."""
+        """Return the displacement of the needle since it was held, at the wire [m, rad]."""
         moved = inverse(self.start) @ self.needle_in_finger()
         wire = np.array([0.0, 1e-3 * RADIUS, 0.0])
         far = np.linalg.norm(moved[:3, :3] @ wire + moved[:3, 3] - wire)

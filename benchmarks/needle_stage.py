@@ -42,7 +42,7 @@ SIDE_M, BUMP_M, CELLS = 0.16, 0.0012, 120
 TINTS = ((0.80, 0.47, 0.42), (0.76, 0.40, 0.36), (0.70, 0.33, 0.30), (0.58, 0.22, 0.21))
 PLATE = (0.85, 0.84, 0.80)
 THREAD = (0.25, 0.12, 0.45)
-#: Where the jaws hold a needle, beyond the tip. Source: `trocar.tasks.motions.REACH_M`. [m]
+#: Distance of a held needle beyond the tip. Source: `trocar.tasks.suturing.planning.REACH_M`. [m]
 HELD_M = 0.0085
 #: Opening of jaws about a wire of 0.8 mm. Source: a wedge of 8.5 mm. [rad]
 JAW_RAD = 0.05
@@ -241,7 +241,7 @@ def _pixels(points: Array, eye: Intrinsics) -> Array:
 
 
 def _half_plane(xx: Array, yy: Array, pixels: Array, veil: float) -> NDArray[np.bool_]:
-    """Return what lies on the swage's side of the end of a veil."""
+    """Return the part on the swage's side of the end of a veil."""
     if veil >= 1.0:
         return np.ones(xx.shape, bool)
     k = round(veil * (len(pixels) - 1))

@@ -1,4 +1,4 @@
-"""How well a needle is tracked in rendered images: errors, occlusion, cold starts, rate."""
+"""Tracking of a needle in rendered images: errors, occlusion, cold starts, rate."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from benchmarks.needle_stage import HIDDEN_S, RATE_HZ, Shot, Stage, Style, lying, run
 from trocar.descriptions.needles import Needle
 from trocar.robot.verification.figures import Figure
+from trocar.tasks.scenes.vision import pose_errors
 from trocar.tasks.vision import JAWS, Holder, NeedleTracker
 from trocar.tasks.vision.needle_fit import change
-from trocar.tasks.vision.scenes import pose_errors
 
 Array = NDArray[np.float64]
 
@@ -91,7 +91,7 @@ class Setting:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What a run gave: rows of `Track`, time until it was found again [s], costs [s]."""
+    """Result of a run: rows of `Track`, time until it was found again [s], costs [s]."""
 
     whole: Array
     half: Array
@@ -162,7 +162,7 @@ def held(
 
 
 def _stage(setting: Setting) -> tuple[Stage, float]:
-    """Return what a run renders, and how far away the needle is [m]."""
+    """Return the stage that a run renders, and the distance of the needle [m]."""
     import cv2
 
     cv2.setNumThreads(1)

@@ -11,7 +11,8 @@ from benchmarks.tasks import own_scenes
 from trocar.errors import DivergedError
 from trocar.robot.verification.figures import Figure
 from trocar.tasks import make_task
-from trocar.tasks.task import PERIOD_S, Task
+from trocar.tasks.controller import PERIOD_S
+from trocar.tasks.task import Task
 
 #: Time of an episode, and for which the motors exert what they do: each the most it can, one way
 #: or the other. Source: our own choice. [s]
@@ -22,7 +23,7 @@ FASTEST_M_S, DEEPEST_M = 5.0, 0.002
 
 @dataclass
 class Extremes:
-    """What came of all episodes of a scene.
+    """Extremes of all episodes of a scene.
 
     Attributes:
         time: how long they lasted [s]

@@ -24,9 +24,9 @@ from trocar.geometry.se3 import transform
 from trocar.robot.verification.figures import Figure
 from trocar.simulation import World
 from trocar.tasks import run_episode
+from trocar.tasks.scenes.suturing import Suturing
 from trocar.tasks.suturing.planning import TipWorkspace
 from trocar.tasks.suturing.scene import suturing_scene
-from trocar.tasks.suturing.task import Suturing
 
 #: Ways of a jaw in each episode of random motion, and its speed: that of a stitch. Source: our own
 #: choice. [m/s]
@@ -39,7 +39,7 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class Case:
-    """What is sewn.
+    """A case of the benchmark.
 
     Attributes:
         stitches, needle, tissue: as of `suturing_scene`
@@ -137,7 +137,7 @@ def _task(case: Case) -> Suturing:
 
 
 def _sewn(task: Suturing, seed: int) -> Row:
-    """Return what came of an episode, and the processor time of it and of its physics [s]."""
+    """Return the result of an episode, and the processor time of it and of its physics [s]."""
     step, spent = task.world.step, [0.0]
 
     def timed(n: int = 1) -> None:
@@ -164,7 +164,7 @@ def _sewn(task: Suturing, seed: int) -> Row:
 
 
 def _bare_us(world: World) -> float:
-    """Return what a step of MuJoCo alone takes from where a world is [us]."""
+    """Return the time of a step of MuJoCo alone from a world's state [us]."""
     model, data = world.mj_model, mujoco.MjData(world.mj_model)
     state = mujoco.mjtState.mjSTATE_INTEGRATION
     row = np.zeros(mujoco.mj_stateSize(model, state))

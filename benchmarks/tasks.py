@@ -17,10 +17,12 @@ from scipy.stats import t as student
 from trocar.descriptions.catalogue import load_scene, names
 from trocar.robot.verification.figures import Figure
 from trocar.simulation import World
-from trocar.tasks import TASKS, Episode, make_task, run_episode
+from trocar.tasks import Episode, make_task, run_episode, task_names
 
 EPISODES = 50
 CONFIDENCE = 0.95
+#: Modules of scenes that benchmarks of their own measure.
+APART = ("suturing", "vision")
 #: Physics steps that measure the machine after each episode. Source: our own choice, 50 ms or less.
 BARE_STEPS = 3000
 #: Least share of successes: with one arm, and with two. Source: our own goals; the real dVRK has
@@ -34,7 +36,8 @@ ONE_SPEED, TWO_SPEED, TRANSFER_S = 15.0, 8.0, 8.1
 def own_scenes() -> tuple[str, ...]:
     """Return the built-in scenes; `benchmarks suturing` and `vision` measure theirs."""
     named = {name: load_scene(name).task for name in names("scenes")}
-    return tuple(name for name, task in named.items() if not isinstance(TASKS.get(task), str))
+    modules, apart = task_names(), tuple(f"trocar.tasks.scenes.{one}" for one in APART)
+    return tuple(name for name, task in named.items() if modules.get(task) not in apart)
 
 
 def tasks(
@@ -45,7 +48,7 @@ def tasks(
     When none is named, of all built-in ones, and what an object costs that is asleep or awake.
 
     Args:
-        scenes, episodes, watch: which, how many of each, and what reports progress
+        scenes, episodes, watch: names, number of each, and function that reports progress
         file: keeps each episode as a line of JSON; those that it has are not run again
     """
     found: list[Figure] = []
@@ -56,7 +59,7 @@ def tasks(
 
 
 def _episodes(name: str, episodes: int, file: Path | None) -> tuple[list[Episode], float, float]:
-    """Run the episodes of a scene that a file lacks; return what `figures` takes, of all."""
+    """Run the episodes of a scene that a file lacks; return the arguments of `figures`, of all."""
     known: dict[int, tuple[Episode, float, float]] = {}
     if file is not None and file.exists():
         called = load_scene(name).name
@@ -95,7 +98,7 @@ def _psm() -> tuple[mujoco.MjModel, mujoco.MjData]:
 
 
 def asleep_and_awake() -> list[Figure]:
-    """Return what a step of a ring on its peg takes, asleep and awake, beside the arms alone."""
+    """Return the time of a step with a ring on its peg, asleep and awake, beside the arms alone."""
     task = make_task("peg-transfer")
     task.world.step(2000)
     model, data = task.world.mj_model, mujoco.MjData(task.world.mj_model)

@@ -1,4 +1,4 @@
-"""What the endoscope's pictures are good for: accuracy of calibrations from views of a board."""
+"""Accuracy of camera calibrations from the endoscope's views of a board."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def simulated(seed: int, offset_deg: float) -> SimulatedViews:
 
 
 def as_views(made: SimulatedViews) -> BoardViews:
-    """Return what `trocar calibrate-camera` would read of them."""
+    """Return the input of `trocar calibrate-camera` from them."""
     rig = load_rig("two_psm_ecm")
     count = len(made.pixels)
     return BoardViews(

@@ -15,9 +15,11 @@ from trocar.descriptions.inertial import STANDARD_GRAVITY
 from trocar.errors import DescriptionError, InputError, UnknownNameError
 from trocar.geometry.se3 import inverse, transform
 from trocar.simulation import World
-from trocar.tasks import Task, make_task, run_episode
+from trocar.tasks import Ending, Task, make_task, run_episode, task_names
 from trocar.tasks.motions import Hand, together
-from trocar.tasks.vision.scenes import VisualServoing
+from trocar.tasks.registry import task_class
+from trocar.tasks.scenes.transfer import WallTransfer
+from trocar.tasks.scenes.vision import VisualServoing
 
 
 @pytest.fixture
@@ -87,7 +89,7 @@ def test_a_needle_changes_hands_and_does_not_fall() -> None:
     holders: list[tuple[str, ...]] = []
     for action in task.policy():
         task.command(action)
-        now = tuple(arm for arm in task.arms if task.held(arm) == "needle")
+        now = tuple(arm for arm in task.arms if task.referee.held.get(arm) == "needle")
         if not holders or holders[-1] != now:
             holders.append(now)
         if ("PSM1", "PSM2") in holders:
@@ -108,12 +110,12 @@ def test_no_jaw_presses_a_needle_harder_than_its_motor_can_though_an_edge_digs_i
 def test_both_arms_hold_a_bar_before_it_is_lifted_and_do_not_press_on_each_other() -> None:
     task = make_task("dynamic-bar")
     task.reset(23)  # one arm arrives long before the other
-    rest = task.position("bar")[2]
+    rest = task.referee.position("bar")[2]
     for action in task.policy():
         task.command(action)
-        if task.position("bar")[2] > rest + 0.015:
+        if task.referee.position("bar")[2] > rest + 0.015:
             break
-    assert task.held("PSM1") == task.held("PSM2") == "bar"
+    assert task.referee.held == {"PSM1": "bar", "PSM2": "bar"}
     for _ in range(20):
         task.command(task.stay())
     forces = task.world.contact_forces()
@@ -126,7 +128,7 @@ def test_rings_are_grasped_without_pressing_on_the_board() -> None:
     task = make_task("peg-transfer")
     run_episode(task, 1)
     weight = STANDARD_GRAVITY * float(task.world.mj_model.body("ring").mass[0])
-    assert task.force["PSM1"] < 10.0 * weight < 1.0
+    assert task.referee.force["PSM1"] < 10.0 * weight < 1.0
 
 
 def test_goals_of_a_stage_count_once_those_before_were_met_and_then_stay(touch: Path) -> None:
@@ -141,9 +143,9 @@ def test_goals_of_a_stage_count_once_those_before_were_met_and_then_stay(touch: 
         for _ in range(15):
             if not task.done:
                 task.command(task.stay())
-        stages.append((task.stage, task.state()["met"]))
+        stages.append((task.referee.stage, task.state()["met"]))
     assert stages == [(0, 0), (1, 1), (1, 2)]
-    assert task.success
+    assert task.referee.ending is Ending.SUCCESS
 
 
 def test_arms_that_a_scene_does_not_drive_are_welded(touch: Path) -> None:
@@ -169,15 +171,16 @@ def test_a_place_on_an_object_goes_with_it_and_what_is_hidden_is_not_observed() 
             start = task.object_pose(goal.object)
             on = inverse(poses[-1]) @ start
             assert abs(on[0, 3] + at[0]) < 1e-3 and abs(on[1, 3] - at[1]) < 1e-3  # across the wall
-            assert task.place(goal, at) == pytest.approx((poses[-1] @ [*at, 1.0])[:3])
+            assert task.referee.place(goal, at) == pytest.approx((poses[-1] @ [*at, 1.0])[:3])
     assert np.abs(poses[0] - poses[1]).max() > 1e-3
 
 
 def test_the_policy_of_the_wall_finds_the_board_by_the_rings() -> None:
     task = make_task("icra2026-peg-transfer")
+    assert isinstance(task, WallTransfer)
     for seed in range(5):
         task.reset(seed)
-        found = inverse(task.object_pose("board")) @ task._T_board  # type: ignore[attr-defined]
+        found = inverse(task.object_pose("board")) @ task.T_board
         assert np.linalg.norm(found[:2, 3]) < 1.5e-3
 
 
@@ -190,13 +193,13 @@ def test_a_hand_that_turns_on_and_on_turns_back_before_the_limit_of_its_roll(tas
             task.command(part)
         closing = task.world.arms["PSM1"].tip_in_world().T[:3, 1]
         assert abs(closing[:2] @ [np.cos(angle), np.sin(angle)]) > np.cos(np.radians(2.0))
-    assert task.stalled == {"PSM1": 0.0}
+    assert task.controller.stalled == {"PSM1": 0.0}
 
 
 def test_an_arm_that_stands_still_though_an_action_moves_it_stands_in_the_result(
-    task: Task,
+    touch: Path,
 ) -> None:
-    task.scene = replace(task.scene, time_limit=1.0)
+    task = make_task(replace(load_scene(touch), time_limit=1.0))
     found = run_episode(task, 0, lambda _: np.array([0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 0.0]))
     assert found.reason.startswith("time; PSM1 stands still, ")
     assert 0.01 < found.stalled_s["PSM1"] < 0.9
@@ -212,8 +215,7 @@ def test_an_object_that_no_jaw_can_hold_is_one_error(touch: Path) -> None:
 
 
 def test_what_the_jaw_missed_stands_in_the_result() -> None:
-    task = make_task("gauze-retrieve")
-    task.scene = replace(task.scene, time_limit=7.0)
+    task = make_task(replace(load_scene("gauze-retrieve"), time_limit=7.0))
     task.reset(0)
     beside = task.object_pose("gauze")[:3, 3] + [0.0, 0.03, 0.0]
     for action in together(
@@ -263,7 +265,7 @@ def test_a_dropped_object_is_counted_once() -> None:
     open_jaw = np.append(np.zeros(6), 0.9)
     for _ in range(30):
         task.command(open_jaw)
-    assert (task.drops, task.done) == (1, False)
+    assert (task.referee.drops, task.done) == (1, False)
     assert task.object_pose("gauze")[2, 3] < 0.01
 
 
@@ -295,7 +297,7 @@ def test_the_largest_actions_keep_an_arm_out_of_fault(task: Task) -> None:
             break
         task.command(down if k < 50 else rng.choice([-1e3, 1e3], 7))
     assert task.world.arms["PSM1"].operating_state().state == "ENABLED"
-    assert task.force["PSM1"] > 1.0
+    assert task.referee.force["PSM1"] > 1.0
 
 
 @pytest.mark.parametrize("action", [[0.0] * 6, [np.nan] * 7, [[0.0] * 7], ["a"] * 7, None, np.inf])
@@ -311,15 +313,14 @@ def test_a_policy_that_returns_nan_ends_with_an_error(task: Task) -> None:
         run_episode(task, 0, lambda _: np.full(7, np.nan))
 
 
-def test_a_policy_of_ones_own_sees_observations(task: Task) -> None:
+def test_a_policy_of_ones_own_sees_observations(touch: Path) -> None:
     shapes: list[tuple[int, ...]] = []
 
     def still(seen: dict[str, Any]) -> np.ndarray:
         shapes.append(tuple(len(seen[name]) for name in ("PSM1", "cube", "goals", "time")))
         return np.zeros(7)
 
-    task.scene = replace(task.scene, time_limit=0.1)
-    found = run_episode(task, 0, still)
+    found = run_episode(make_task(replace(load_scene(touch), time_limit=0.1)), 0, still)
     assert set(shapes) == {(8, 7, 2, 1)}
     assert (found.success, found.reason, found.time_s) == (False, "time", pytest.approx(0.1))
 
@@ -332,7 +333,7 @@ def test_an_object_that_leaves_the_table_ends_the_episode(task: Task) -> None:
             break
         task.command(np.zeros(7))
     assert task.reason == "cube: out of play"
-    assert task.drops == 1
+    assert task.referee.drops == 1
 
 
 @pytest.mark.parametrize(
@@ -378,6 +379,38 @@ def test_an_unknown_scene_is_an_error_with_the_nearest_name() -> None:
         load_scene("peg-bord")
 
 
+def test_every_name_of_a_class_of_tasks_leads_to_that_class() -> None:
+    scene = load_scene("peg-board")
+    for name in task_names():
+        found = task_class(replace(scene, task=name))
+        assert found.task == name and found.__module__ == task_names()[name]
+    assert {load_scene(name).task for name in names("scenes")} < set(task_names())
+
+
+def test_a_task_steps_as_environments_of_gymnasium_do(touch: Path) -> None:
+    task = make_task(replace(load_scene(touch), time_limit=0.1))
+    seen, reward, terminated, truncated, info = task.step(task.stay())
+    assert seen["time"] == pytest.approx([0.02])
+    assert (reward, terminated, truncated, info["done"]) == (0.0, False, False, False)
+    endings: list[tuple[bool, bool]] = []
+    while not task.done:
+        endings.append(task.step(task.stay())[2:4])
+    assert endings == [(False, False)] * 3 + [(False, True)]
+    task.reset(0)
+    task.world.objects["cube"].set_cp(transform(np.eye(3), [0.3, 0.0, -1.0]))
+    assert task.step(task.stay())[2:4] == (True, False)
+    assert task.result(0).ending is Ending.FAILURE
+
+
+def test_a_class_may_replace_the_reward(touch: Path) -> None:
+    class Shaped(Task):
+        def reward(self) -> float:
+            return 7.0
+
+    task = Shaped(replace(load_scene(touch), task="task"))
+    assert task.command(task.stay()) == 7.0
+
+
 def test_a_class_that_is_no_task_is_rejected(touch: Path) -> None:
     (touch.parent / "touch.py").write_text("SceneTask = dict\n", encoding="utf-8")
     with pytest.raises(InputError, match="allowed: a class that extends Task"):
@@ -403,7 +436,7 @@ def test_scenes_begin_at_rest_with_nothing_done(name: str) -> None:
         # The balls begin on the tray, where they are to stay.
         assert task.state()["met"] == (3 if name == "dynamic-tray" else 0)
         for _ in range(5):
-            task.command(np.concatenate([task.idle()[arm] for arm in task.arms]))
+            task.command(task.stay())
         after = task.observation()
         for goal, _ in task.goals:
             if goal.object:

@@ -27,7 +27,7 @@ from trocar.geometry.se3 import transform
 from trocar.rendering import Endoscope, Look
 from trocar.rendering.film import video
 from trocar.tasks import make_task
-from trocar.tasks.task import PERIOD_S
+from trocar.tasks.controller import PERIOD_S
 
 FOLDER = Path(__file__).parents[2] / "docs" / "images"
 #: Size of a picture, scenes in a row, quality of the sheet, pictures a second, length [s].

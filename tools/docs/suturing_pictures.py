@@ -18,9 +18,9 @@ from PIL import Image
 from trocar.descriptions.cameras import load_camera
 from trocar.rendering import Endoscope, Look
 from trocar.rendering.film import video
+from trocar.tasks.controller import PERIOD_S
+from trocar.tasks.scenes.suturing import Suturing
 from trocar.tasks.suturing.scene import suturing_scene
-from trocar.tasks.suturing.task import Suturing
-from trocar.tasks.task import PERIOD_S
 
 FOLDER = Path(__file__).parents[2] / "docs" / "images"
 #: The episode; size, rate and quality of the video; quality of the picture.

@@ -21,8 +21,8 @@ from PIL import Image
 from trocar.descriptions.catalogue import load_scene
 from trocar.rendering.film import video
 from trocar.tasks import make_task
-from trocar.tasks.task import PERIOD_S
-from trocar.tasks.vision.scenes import EndoscopeTask
+from trocar.tasks.controller import PERIOD_S
+from trocar.tasks.scenes.vision import EndoscopeTask
 
 FOLDER = Path(__file__).parents[2] / "docs" / "images"
 #: Images a second, length [s], size [px] and quality of a video; gap and quality of a picture.

@@ -27,7 +27,7 @@ from trocar.cli.worlds import (
     recording,
 )
 from trocar.descriptions.catalogue import load_scene
-from trocar.errors import InputError
+from trocar.errors import DescriptionError, InputError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -62,9 +62,14 @@ def add_arguments(parser: ArgumentParser) -> None:
         --duration S:duration   stop serving, or with --headless each episode, after S simulated
                                 seconds
         --speed realtime|max    of serving: real time, or as fast as possible (default: realtime)
-        --stitches N:int        of suturing: how many (default: 1)
-        --needle SIZE           of suturing: 26mm-half (default), 36mm-half, 24mm-3/8, ...
-        --tissue NAME           of suturing: phantom (default), skin or soft
+        --set KEY=VALUE ... as settings
+                                value of a key of the scene's file by its dotted path, as
+                                time_limit_s=90 or pad.stitches=4; for several keys more than once
+        --stitches N:int        of suturing: how many (default: 1); deprecated: --set pad.stitches=N
+        --needle SIZE           of suturing: 26mm-half (default), 36mm-half, 24mm-3/8, ...;
+                                deprecated: --set needle.length_mm=36 and the like
+        --tissue NAME           of suturing: phantom (default), skin or soft; deprecated: --set
+                                pad.modulus_kpa=100 and the like
         --plan FILE             of suturing: write the plan of the first episode's stitches, as TOML
                                 or as a picture (.png, extra plot), before it is played
         --register points|image  of suturing: find the wound by noisy points of it (default), or in
@@ -102,7 +107,7 @@ def run(args: Namespace) -> int:
 
     found: list[Episode] = []
     duration_s = float("inf") if args.duration is None else args.duration
-    scene = load_scene(args.scene) if isinstance(args.scene, str) else args.scene
+    scene = _loaded(args.scene)
     longest_s = min(duration_s, scene.time_limit)
     with progress_bar("s simulated") as draw:
 
@@ -160,8 +165,12 @@ def _scene(args: Namespace) -> Scene | str:
     given = {key: getattr(args, key) for key in ("stitches", "needle", "tissue")}
     given = {key: value for key, value in given.items() if value is not None}
     if not given:
-        look = changed_look(args)
-        return replace(load_scene(args.scene), look=look) if look else args.scene
+        look, scene = changed_look(args), args.scene
+        if args.settings:
+            scene = _with_settings(scene, args.settings)
+        return replace(_loaded(scene), look=look) if look else scene
+    if args.settings:
+        raise InputError(f"--{next(iter(given))}: got --set, too; allowed: one of them")
     if args.scene != "suturing":
         raise InputError(f"--{next(iter(given))}: got the scene {args.scene}; allowed: suturing")
     from trocar.tasks.suturing.scene import suturing_scene
@@ -169,10 +178,25 @@ def _scene(args: Namespace) -> Scene | str:
     return suturing_scene(**given)
 
 
+def _with_settings(name: str, texts: list[str]) -> Scene:
+    """Return a scene with values of --set."""
+    from trocar.descriptions.settings import read_settings
+    from trocar.tasks import scene_with
+
+    try:
+        return scene_with(name, read_settings(texts))
+    except (DescriptionError, InputError) as problem:
+        raise InputError(f"--set: {problem}") from None
+
+
+def _loaded(scene: Scene | str) -> Scene:
+    return load_scene(scene) if isinstance(scene, str) else scene
+
+
 def _write_plan(args: Namespace) -> None:
     """Write the plan of the first episode's stitches."""
     from trocar.tasks import make_task
-    from trocar.tasks.suturing.task import Suturing
+    from trocar.tasks.scenes.suturing import Suturing
 
     path = Path(args.plan).expanduser()
     if path.suffix not in (".toml", ".png"):
@@ -191,11 +215,10 @@ def _serve(args: Namespace) -> int:
     """Serve the scene; its policy, or a person or a client drives."""
     if args.register == "image":
         raise InputError("--register image: allowed with --headless only")
-    from trocar.descriptions.catalogue import load_scene
     from trocar.tasks import Task, make_task
     from trocar.tasks.served import ServedTask
 
-    scene = load_scene(args.scene) if isinstance(args.scene, str) else args.scene
+    scene = _loaded(args.scene)
     if args.policy == "none":  # a person or a client may drive every arm
         scene = replace(scene, welded=())
     print(f"trocar: {scene.name}: starting ...", file=sys.stderr, flush=True)
@@ -228,7 +251,7 @@ def _watched(
 def _register(task: Task, args: Namespace, stack: ExitStack) -> None:
     """Let a task of suturing find its wound in images of the endoscope, its height in points."""
     from trocar.cameras import StereoCalibration
-    from trocar.tasks.suturing.task import Suturing
+    from trocar.tasks.scenes.suturing import Suturing
     from trocar.tasks.vision import find_wound
 
     if not isinstance(task, Suturing):

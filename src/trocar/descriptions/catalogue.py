@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
@@ -13,6 +13,7 @@ from trocar.descriptions.plugins import registered, registered_file
 from trocar.descriptions.records import ArmDescription, RigDescription
 from trocar.descriptions.rigs import read_rig
 from trocar.descriptions.scenes import Scene, is_scene, read_scene
+from trocar.descriptions.settings import changed
 from trocar.descriptions.table import Table, read_table
 from trocar.errors import DescriptionError, TrocarError, UnknownNameError
 from trocar.inputs import is_file
@@ -105,8 +106,9 @@ def load_rig(name: str | Path, calibration: Calibration | None = None) -> RigDes
         InputError: an overlay for none of the arms
     """
     path = find("rigs", name)
-    if is_scene(path):
-        return calibrated_rig(read_scene(path, load_rig).rig, calibration)
+    table = read_table(path)
+    if is_scene(table):
+        return calibrated_rig(read_scene(table, load_rig).rig, calibration)
     loaded: dict[tuple[str, str | None], ArmDescription] = {}
 
     def beside(entry: str) -> str:
@@ -117,20 +119,24 @@ def load_rig(name: str | Path, calibration: Calibration | None = None) -> RigDes
             loaded[arm, tool] = load_arm(beside(arm), tool if tool is None else beside(tool))
         return loaded[arm, tool]
 
-    return calibrated_rig(read_rig(path, load), calibration)
+    return calibrated_rig(read_rig(table, load), calibration)
 
 
-def load_scene(name: str | Path) -> Scene:
+def load_scene(name: str | Path, settings: Mapping[str, Any] | None = None) -> Scene:
     """Load a scene by its name or path; paths inside it are relative to its folder.
 
     Args:
         name: a built-in or registered scene ("peg-board"), or the path of a TOML file
+        settings: values of keys in place of the file's, {dotted path: value}, see
+            `settings.changed`
 
     Raises:
         UnknownNameError: no such scene, or no such rig; the known ones are listed
         DescriptionError: the file is broken; file, key, got and allowed are named
+        InputError: a setting's path leads nowhere; the known parts are listed
     """
-    return read_scene(find("scenes", name), load_rig)
+    table = read_table(find("scenes", name))
+    return read_scene(changed(table, settings) if settings else table, load_rig)
 
 
 def _open(shelf: Shelf, path: Path, above: tuple[Path, ...] = ()) -> Table:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import cast, get_args
 
 import numpy as np
@@ -24,7 +23,7 @@ from trocar.descriptions.records import (
 )
 from trocar.descriptions.robot_errors import read_robot_errors
 from trocar.descriptions.sensors import read_sensors
-from trocar.descriptions.table import Table, read_table
+from trocar.descriptions.table import Table
 from trocar.descriptions.teleop_records import SCALE, TeleopDescription, TeleopKind
 from trocar.geometry.se3 import inverse
 from trocar.kinematics.forward import pose
@@ -102,13 +101,12 @@ def _angles(row: Table) -> dict[str, float]:
 ArmLoader = Callable[[str, str | None], ArmDescription]
 
 
-def read_rig(path: Path, load_arm: ArmLoader) -> RigDescription:
-    """Read a rig.
+def read_rig(table: Table, load_arm: ArmLoader) -> RigDescription:
+    """Read a rig from its file's root table.
 
     Raises:
         DescriptionError: naming file, key, what was got and what is allowed
     """
-    table = read_table(path)
     table.check_schema()
     name, title = table.text("name"), table.text("title", "")
     source = table.text("source")
@@ -142,7 +140,7 @@ def read_rig(path: Path, load_arm: ArmLoader) -> RigDescription:
         raise table.fail("pose", 'a test_sine.share below 1 needs the pose "test"')
     parts = (tuple(arms), props, poses, share, display, sensors, teleops, cameras)
     more = (reference, bands, extension, grasp, errors, dynamics)
-    rig = RigDescription(name, title, source, str(path), *parts, *more)
+    rig = RigDescription(name, title, source, table.file, *parts, *more)
     if "reference_arm" in table and reference not in rig.setup_joints:
         known = ", ".join(rig.setup_joints) or "none, for the rig has no setup joints"
         raise table.fail("reference_arm", f"got {reference!r}; allowed: {known}")

@@ -15,7 +15,7 @@ from trocar.descriptions.props import read_bands, read_props
 from trocar.descriptions.records import DynamicsKind, GraspKind, RigDescription
 from trocar.descriptions.rigs import DYNAMICS, GRASPS
 from trocar.descriptions.sensors import read_sensors
-from trocar.descriptions.table import Table, read_table
+from trocar.descriptions.table import Table
 from trocar.errors import InputError
 from trocar.geometry.rotations import rotation_z
 from trocar.geometry.se3 import inverse, transform
@@ -144,19 +144,19 @@ class Scene:
         return found
 
 
-def is_scene(path: Path) -> bool:
-    """Return whether a TOML file is a scene's and not a rig's."""
-    return "task" in read_table(path)
+def is_scene(table: Table) -> bool:
+    """Return whether a file's root table is a scene's and not a rig's."""
+    return "task" in table
 
 
-def read_scene(path: Path, load_rig: Callable[[str | Path], RigDescription]) -> Scene:
-    """Read a scene; paths inside it are relative to its folder.
+def read_scene(table: Table, load_rig: Callable[[str | Path], RigDescription]) -> Scene:
+    """Read a scene from its file's root table; paths inside it are relative to its folder.
 
     Raises:
         UnknownNameError: no such rig; the known ones are listed
         DescriptionError: the file is broken; file, key, got and allowed are named
     """
-    table = read_table(path)
+    path = Path(table.file)
     table.check_schema()
     named, title, source = table.text("name"), table.text("title", ""), table.text("source")
     wanted = table.text("rig")

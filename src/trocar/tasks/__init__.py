@@ -1,7 +1,17 @@
 """Scenes as tasks: episodes, scripted policies and scores."""
 
 from trocar.tasks.play import play, run_episode
-from trocar.tasks.registry import TASKS, make_task
+from trocar.tasks.referee import Ending
+from trocar.tasks.registry import make_task, scene_with, task_names
 from trocar.tasks.task import Episode, Task
 
-__all__ = ["TASKS", "Episode", "Task", "make_task", "play", "run_episode"]
+__all__ = [
+    "Ending",
+    "Episode",
+    "Task",
+    "make_task",
+    "play",
+    "run_episode",
+    "scene_with",
+    "task_names",
+]

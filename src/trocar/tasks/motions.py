@@ -13,20 +13,21 @@ from trocar.descriptions.records import Shape
 from trocar.errors import InputError
 from trocar.geometry.rotations import matrix_from_rotation_vector, rotation_vector_from_matrix
 from trocar.geometry.se3 import transform
-from trocar.tasks.task import PERIOD_S, Task
+from trocar.tasks.controller import PERIOD_S
+from trocar.tasks.task import Task
 
 Array = NDArray[np.float64]
 Motion = Iterator[Array]
 
-#: How far the ends of the pads are beyond what they hold. Source: our own choice, the radius of a
-#: peg and of a ring's rubber, and more. [m]
+#: Distance of the pads' ends beyond the held object. Source: our own choice, the radius of a peg
+#: and of a ring's rubber, and more. [m]
 BEYOND_M = 0.002
-#: How often a grasp is tried, and how far its object may be tilted then. Source: our own choice; a
-#: needle that is tilted by more than 12 deg turns on in the jaw. [rad]
+#: Tries of a grasp, and the largest tilt of its object. Source: our own choice; a needle that is
+#: tilted by more than 12 deg turns on in the jaw. [rad]
 TRIES, TILTED_RAD = 3, math.radians(12.0)
 #: Peak speeds of scripted motion. Source: our own choice. [m/s, rad/s]
 SPEED_M_S, SPIN_RAD_S = 0.12, 2.5
-#: A minimum-jerk motion is 15/8 times as fast in its middle as on average. Source: its polynomial.
+#: Peak speed of a minimum-jerk motion over its mean speed. Source: its polynomial.
 PEAK = 15.0 / 8.0
 #: Openings of the jaw. Source: our own choice. [rad]
 OPEN, GRIP = 0.9, -0.3
@@ -46,12 +47,12 @@ class Hand:
     Attributes:
         task, arm: as given
         jaw: opening that motions keep [rad]
-        reach: how far beyond the tip, the fingers' pivot, objects are held [m]
+        reach: distance of held objects beyond the tip, the fingers' pivot [m]
     """
 
     def __init__(self, task: Task, arm: str) -> None:
         self.task, self.arm = task, arm
-        self.jaw = float(task.idle()[arm][-1])
+        self.jaw = float(task.controller.idle()[arm][-1])
         described = task.world.arms[arm].description
         faces = pads(described)
         self.reach = float(faces.T_tip[2, 3]) + 0.5 * faces.length - BEYOND_M
@@ -60,7 +61,7 @@ class Hand:
 
     def go(self, goal: Array, speed: float = SPEED_M_S) -> Motion:
         """Bring the tip to a pose in the world, (4, 4), with minimum jerk."""
-        start = self.task.target(self.arm)
+        start = self.task.controller.target(self.arm)
         turn = rotation_vector_from_matrix(goal[:3, :3] @ start[:3, :3].T)
         way = goal[:3, 3] - start[:3, 3]
         time = PEAK * max(np.linalg.norm(way) / speed, np.linalg.norm(turn) / SPIN_RAD_S)
@@ -68,7 +69,7 @@ class Hand:
         for k in range(1, count + 1):
             s = k / count
             s = s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
-            now = self.task.target(self.arm)
+            now = self.task.controller.target(self.arm)
             part = np.zeros(7)
             part[:3] = (start[:3, 3] + s * way - now[:3, 3]) / PERIOD_S
             if turn.any():
@@ -79,7 +80,7 @@ class Hand:
 
     def shift(self, way: Array, speed: float = SPEED_M_S) -> Motion:
         """Move the tip along a straight line, (3,) [m], without turning."""
-        goal = self.task.target(self.arm)
+        goal = self.task.controller.target(self.arm)
         goal[:3, 3] += way
         yield from self.go(goal, speed)
 
@@ -100,7 +101,7 @@ class Hand:
 
     def over(self, point: Array, height: float, angle: float | None = None) -> Motion:
         """Go above a point in the world, (3,), fingers closing along an angle about z [m, rad]."""
-        now, at = self.task.target(self.arm), point + (height + self.reach) * UP
+        now, at = self.task.controller.target(self.arm), point + (height + self.reach) * UP
         turn = now[:3, :3] if angle is None else self.pointing_down(angle, at)
         yield from self.go(transform(turn, at))
 
@@ -113,7 +114,7 @@ class Hand:
         c, s = math.cos(angle), math.sin(angle)
         one = np.array([[-s, c, 0.0], [c, s, 0.0], [0.0, 0.0, -1.0]])
         both = (one, one * [-1.0, -1.0, 1.0])
-        return min(both, key=lambda R: self.task.farthest(self.arm, transform(R, at)))
+        return min(both, key=lambda R: self.task.controller.farthest(self.arm, transform(R, at)))
 
     def grasp(self, point: Array, angle: float, height: float, opening: float = OPEN) -> Motion:
         """Grasp an object at a point from above.
@@ -159,13 +160,13 @@ class Hand:
         for tried in range(TRIES):
             yield from self.pick(*grip(), height, opening)
             T = self.task.object_pose(name)
-            if self.task.held(self.arm) == name:
+            if self.task.referee.held.get(self.arm) == name:
                 if not level or tried + 1 == TRIES or abs(T[2, 2]) > math.cos(TILTED_RAD):
                     return
                 yield from self.shift(-height * UP)
                 yield from self.open(opening)
         moved = float(np.linalg.norm(self.task.object_pose(name)[:3, 3] - before))
-        self.task.remarks.append(
+        self.task.referee.remarks.append(
             f"{self.arm} missed {name} {TRIES} times, which rolled or slid by {1e3 * moved:.1f} mm"
         )
 
@@ -206,7 +207,7 @@ def together(task: Task, **hands: Motion) -> Iterator[Array]:
     """Yield whole actions that run motions of arms side by side, until the last one ends."""
     running = dict(hands)
     while running:
-        parts = task.idle()
+        parts = task.controller.idle()
         for arm in list(running):
             part = next(running[arm], None)
             if part is None:

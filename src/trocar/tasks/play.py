@@ -24,11 +24,11 @@ Array = NDArray[np.float64]
 #: Returns an action from an observation.
 Policy = Callable[[dict[str, Array]], ArrayLike]
 
-#: An own policy must return an action within this. Source: our own choice. [s]
+#: Time within which an own policy must return an action. Source: our own choice. [s]
 PATIENCE_S = 10.0
 #: Rounding errors of an episode's time are smaller. [s]
 EARLY_S = 1e-6
-#: How often an episode is begun whose worker dies. Source: our own choice.
+#: Times that an episode is begun whose worker dies. Source: our own choice.
 ATTEMPTS = 3
 
 

@@ -1,8 +1,11 @@
-"""Which class of tasks a scene names: one of ours, a registered one, or one in a Python file."""
+"""The class of a scene's task: one of `trocar.tasks.scenes`, a registered one, or a file's."""
 
 from __future__ import annotations
 
-import pkgutil
+import re
+from collections.abc import Mapping
+from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -11,49 +14,24 @@ from trocar.descriptions.plugins import load_registered, registered
 from trocar.descriptions.scenes import Scene
 from trocar.errors import InputError, UnknownNameError
 from trocar.modeling.props import run_script
-from trocar.tasks.dynamic import BandPull, BarCarry, Pendulum, Push, Stack, TrayCarry
-from trocar.tasks.reach import ActiveTrack, Reach, Track
 from trocar.tasks.task import Task
-from trocar.tasks.thread import ThreadHandOver, ThreadKnot
-from trocar.tasks.transfer import (
-    HandOver,
-    NeedleHandOver,
-    NeedlePick,
-    NeedleRegrasp,
-    PegBoard,
-    PickPlace,
-    Retrieve,
-    WallTransfer,
-)
 
-#: Classes by name; those outside this package as "module:class".
-TASKS: dict[str, type[Task] | str] = {
-    "task": Task,
-    "pick-place": PickPlace,
-    "peg-board": PegBoard,
-    "hand-over": HandOver,
-    "wall-transfer": WallTransfer,
-    "needle-pick": NeedlePick,
-    "needle-handover": NeedleHandOver,
-    "needle-regrasp": NeedleRegrasp,
-    "thread-handover": ThreadHandOver,
-    "thread-knot": ThreadKnot,
-    "retrieve": Retrieve,
-    "push": Push,
-    "stack": Stack,
-    "pendulum": Pendulum,
-    "band-pull": BandPull,
-    "bar-carry": BarCarry,
-    "tray-carry": TrayCarry,
-    "reach": Reach,
-    "track": Track,
-    "active-track": ActiveTrack,
-    "needle-tracking": "trocar.tasks.vision.scenes:NeedleTracking",
-    "augmented-reality": "trocar.tasks.vision.scenes:AugmentedReality",
-    "visual-servoing": "trocar.tasks.vision.scenes:VisualServoing",
-    "suturing": "trocar.tasks.suturing.task:Suturing",
-    "needle-through-phantom": "trocar.tasks.suturing.task:NeedleThroughPhantom",
-}
+SCENES = Path(__file__).parent / "scenes"
+#: The line of a class that names it.
+NAMED = re.compile(r'^    task = "([^"]+)"$', re.MULTILINE)
+
+
+@cache
+def task_names() -> dict[str, str]:
+    """Return the names of the package's classes of tasks, {name: module}.
+
+    The modules are read, not imported: those of images and of suturing take a tenth of a second.
+    """
+    found = {Task.task: Task.__module__}
+    for path in sorted(SCENES.glob("*.py")):
+        module = f"{__package__}.scenes.{path.stem}"
+        found |= dict.fromkeys(NAMED.findall(path.read_text(encoding="utf-8")), module)
+    return found
 
 
 def make_task(scene: Scene | str | Path) -> Task:
@@ -71,6 +49,21 @@ def make_task(scene: Scene | str | Path) -> Task:
     return task_class(found)(found)
 
 
+def scene_with(name: str | Path, settings: Mapping[str, Any]) -> Scene:
+    """Load a scene with settings, and with those that its class derives from them.
+
+    Args:
+        name: of the scene, or the path of its TOML file
+        settings: {dotted path: value}, as for `load_scene`
+
+    Raises:
+        UnknownNameError, DescriptionError, InputError: as `load_scene` and `task_class`
+    """
+    scene = load_scene(name, settings)
+    derived = task_class(scene).derived_settings(scene, load_scene(name))
+    return load_scene(name, {**derived, **settings}) if derived else scene
+
+
 def task_class(found: Scene) -> type[Task]:
     """Return the class of a scene's task.
 
@@ -79,15 +72,16 @@ def task_class(found: Scene) -> type[Task]:
         InputError: what a package or a file has under the name is no class of tasks
     """
     kind: Any
+    own = task_names()
     if found.task.endswith(".py"):
         kind = run_script(found.task, "SceneTask")
-    elif found.task in TASKS:
-        named = TASKS[found.task]
-        kind = pkgutil.resolve_name(named) if isinstance(named, str) else named
+    elif found.task in own:
+        classes = [v for v in vars(import_module(own[found.task])).values() if isinstance(v, type)]
+        kind = next(one for one in classes if vars(one).get("task") == found.task)
     elif found.task in registered("tasks"):
         kind = load_registered("tasks", found.task)
     else:
-        raise UnknownNameError("task", found.task, (*TASKS, *registered("tasks")), found.file)
+        raise UnknownNameError("task", found.task, (*own, *registered("tasks")), found.file)
     if not isinstance(kind, type) or not issubclass(kind, Task):
         raise InputError(f"{found.file}: task: got {kind!r}; allowed: a class that extends Task")
     return kind

@@ -33,7 +33,8 @@ UNEVEN = 1e-3
 #: Time between the samples of a recording that are scored. Source: our own choice; twenty times
 #: faster than `CUTOFF_HZ`. [s]
 SAMPLE_S = 0.005
-#: An arm whose tip stays within this is left out unless it is named. Source: our own choice. [m]
+#: Largest extent of the path of an arm that rests, and is left out unless it is named. Source: our
+#: own choice. [m]
 RESTS_M = 1e-3
 #: Time after which a peg transfer scores nothing. Source: as `fls_score`. [s]
 PEG_TRANSFER_S = 300.0
@@ -63,7 +64,7 @@ class ForceScore:
     """Scores of a force over time.
 
     Source: Trejos et al., Surgical Endoscopy 28(7), 2014 (peak, mean and integral of the force
-    tell novices from experts).
+    separate novices from experts).
 
     Attributes:
         peak, mean: of its magnitude [N]
@@ -324,7 +325,7 @@ def score_recording(
 def _tools(
     recorded: Recorded, rig: RigDescription | str | Path | None
 ) -> dict[str, list[tuple[float, ArmDescription]]]:
-    """Return each arm as it was from a time on: [(time, description), ...]."""
+    """Return each arm's descriptions over time, {arm: [(beginning, description), ...]}."""
     about, file = recorded.about, recorded.file
     source = about["rig_source"] if rig is None else rig
     if isinstance(source, str) and not source:

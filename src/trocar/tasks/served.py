@@ -1,4 +1,4 @@
-"""A task in a running loop: its count, its scripted policy, and both on a topic and on the page."""
+"""A task in a running loop: its count and its scripted policy, on a topic and in the viewer."""
 
 from __future__ import annotations
 
@@ -16,14 +16,15 @@ from trocar.live.inbox import Command
 from trocar.live.state import Elapsed
 from trocar.ros import Component, Core
 from trocar.ros.topic import STRING, Topic, served
-from trocar.tasks.task import EVERY, PERIOD_S, Row, Task
+from trocar.tasks.controller import EVERY, PERIOD_S, Row
+from trocar.tasks.task import Task
 
 Array = NDArray[np.float64]
 
 TOPIC = "task/state"
-#: A message is sent when anything but the time changed, and this often. Source: our own choice. [s]
+#: Interval of messages while nothing but the time changes. Source: our own choice. [s]
 REPORT_S = 1.0
-#: What changes with time alone.
+#: Entries of a state that change with time alone.
 PASSING = ("time_s", "score")
 
 ROW = Topic(
@@ -36,7 +37,7 @@ ROW = Topic(
 
 
 class ServedTask:
-    """Counts what somebody does in a scene, or lets the scripted policy do it.
+    """Runs an episode in a loop: counts, and drives by the scripted policy if it is to.
 
     The policy's motion is that of an episode without a loop, to the last bit. When somebody resets
     the world the episode begins anew.
@@ -58,12 +59,12 @@ class ServedTask:
         self._reset()
 
     def watch(self, loop: Loop) -> None:
-        """Look on, and drive, while a loop runs."""
+        """Count, and drive, while a loop runs."""
         self._substeps = round(loop.tick_s / self.task.world.timestep)
         loop.watch(self)
 
     def component(self) -> Component:
-        """Return what a core serves of it."""
+        """Return the topics that a core serves."""
 
         def begin(core: Core) -> Callable[[], None]:
             self._core = core
@@ -75,11 +76,11 @@ class ServedTask:
 
     @property
     def overlay(self) -> Overlay | None:
-        """What draws into images of the cameras, None for a scene that draws nothing."""
+        """The function that draws into the cameras' images, None for a scene that draws nothing."""
         return self.task.overlay
 
     def note(self) -> str:
-        """Return what the page shows of it, HTML."""
+        """Return the note of the web viewer, HTML."""
         state = self._state
         cards = {
             "score": f"{state['score']:.0f}",
@@ -100,7 +101,7 @@ class ServedTask:
     # ------------------------------------------------------------------ a watcher of the loop
 
     def ticked(self, elapsed: Elapsed) -> None:  # noqa: ARG002
-        """Count and drive when it is time for it."""
+        """Count and drive when a period is over."""
         periods = self.task.world.periods
         again = periods < self._periods
         if again or not self._ended:
@@ -119,19 +120,19 @@ class ServedTask:
         self._report()
 
     def _exchanged(self) -> str:
-        """Return why the task cannot go on with the instruments of its arms, "" where it can."""
+        """Name arms that lack the instrument of the scene, which then stops; "" for none."""
         arms = self.task.world.arms
         off = [name for name, tool in self._tools.items() if arms[name].description.tool != tool]
         names = ", ".join(off)
         return f"{names}: not the instrument of the scene; put it on and reset" if off else ""
 
     def patience(self) -> int:
-        """Return how many ticks there are until then."""
+        """Return the number of ticks until it counts or drives next."""
         left = self._every - self.task.world.periods % self._every
         return max(1, -(-left // self._substeps))
 
     def refused(self, command: Command, reason: str) -> None:
-        """Leave it to others."""
+        """Ignore rejected commands."""
 
     # ------------------------------------------------------------------ inside
 
@@ -155,9 +156,9 @@ class ServedTask:
             self._state = task.state()
             if self._scripted and not task.done:
                 action = next(self._script, None)
-                self._rows = task.setpoints(task.stay() if action is None else action)
+                self._rows = task.controller.setpoints(task.stay() if action is None else action)
         if self._rows:
-            task.drive(self._rows.pop(0))
+            task.controller.drive(self._rows.pop(0))
 
     def _report(self) -> None:
         found, sent = self._state, self._sent

@@ -16,7 +16,8 @@ from trocar.errors import InputError, UnknownNameError, UnreachableError
 from trocar.geometry.rotations import rotation_z
 from trocar.geometry.se3 import transform
 from trocar.simulation.journal import Entry
-from trocar.tasks import run_episode
+from trocar.tasks import run_episode, scene_with
+from trocar.tasks.scenes.suturing import Suturing
 from trocar.tasks.suturing.planning import (
     APART_M,
     Grip,
@@ -31,7 +32,6 @@ from trocar.tasks.suturing.planning import (
 )
 from trocar.tasks.suturing.scene import suturing_scene
 from trocar.tasks.suturing.scores import pose_score, score_pass
-from trocar.tasks.suturing.task import Suturing
 
 
 @pytest.fixture(scope="module")
@@ -203,11 +203,23 @@ def test_scenes_have_the_stitches_needles_and_tissues_that_are_asked_for() -> No
             suturing_scene(**bad)  # type: ignore[arg-type]
 
 
+def test_a_set_number_of_stitches_has_the_thread_and_the_time_of_the_scene_with_as_many() -> None:
+    found, made = scene_with("suturing", {"tissue.stitches": 4}), suturing_scene(4)
+    tissues = [next(p.tissue for p in one.rig.props if p.tissue) for one in (found, made)]
+    assert tissues[0].stitches == tissues[1].stitches == 4
+    assert tissues[0].thread.length == pytest.approx(tissues[1].thread.length)
+    assert found.time_limit == made.time_limit == 195.0
+    kept = scene_with("suturing", {"pad.stitches": 4, "time_limit_s": 70.0})
+    assert kept.time_limit == 70.0
+
+
 def test_options_of_suturing_are_refused_for_other_scenes(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert main(["play", "peg-transfer", "--headless", "--stitches", "2"]) == 2
     assert "allowed: suturing" in capsys.readouterr().err
+    assert main(["play", "suturing", "--set", "pad.stitches=2", "--stitches", "2"]) == 2
+    assert "--stitches: got --set, too" in capsys.readouterr().err
     assert main(["play", "suturing", "--headless", "--plan", "plan.txt"]) == 2
     assert "allowed: a file that ends in .toml or .png" in capsys.readouterr().err
     assert main(["play", "suturing", "--register", "image"]) == 2

@@ -16,6 +16,7 @@ from trocar.rendering import Look, StereoFrame
 from trocar.robot.follow.mirror import follow
 from trocar.simulation import World
 from trocar.tasks import make_task
+from trocar.tasks.scenes.vision import AugmentedReality
 from trocar.tasks.vision.overlay import (
     Area,
     Banner,
@@ -29,7 +30,6 @@ from trocar.tasks.vision.overlay import (
     overlaid,
     stitch,
 )
-from trocar.tasks.vision.scenes import AugmentedReality
 
 pytest.importorskip("cv2", reason="needs the extra vision")
 
@@ -122,7 +122,7 @@ def test_overlays_stay_where_they_belong_while_the_scope_moves() -> None:
 
     task.see = see  # type: ignore[method-assign]
     task.reset(1)
-    rates = np.concatenate([task.idle()["PSM1"], [0.3, 0.2, 0.0, 0.2]])
+    rates = np.concatenate([task.controller.idle()["PSM1"], [0.3, 0.2, 0.0, 0.2]])
     cameras = []
     for _ in range(8):
         task.command(rates)

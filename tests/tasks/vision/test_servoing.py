@@ -14,8 +14,8 @@ from trocar.errors import InputError
 from trocar.geometry import inverse
 from trocar.geometry.rotations import matrix_from_rotation_vector, rotation_z
 from trocar.geometry.se3 import transform
+from trocar.tasks.scenes.vision import blue_box
 from trocar.tasks.vision import ServoSettings, VisualServo
-from trocar.tasks.vision.scenes import blue_box
 
 MOUNT = transform(rotation_z(np.pi), np.zeros(3))
 Q = np.array([0.1, 0.2, 0.12, 0.3])

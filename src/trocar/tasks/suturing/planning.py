@@ -1,4 +1,4 @@
-"""Plans of stitches: where needle and thread pass a wound, and which arm holds what.
+"""Plans of stitches: the way of needle and thread through a wound, and the grips of both arms.
 
 A stitch is a circle in a plane across the wound: the needle turns about its centre, which lies
 above the surface. One arm drives it in from one side until its tip has come out on the other; the
@@ -32,14 +32,14 @@ from trocar.simulation.tissue.tissues import RISE, stitch_points
 Array = NDArray[np.float64]
 UP = np.array([0.0, 0.0, 1.0])
 
-#: How far beyond the tip, the fingers' pivot, a needle is held. Source: 2 mm before the end of a
+#: Distance of a held needle beyond the tip, the fingers' pivot. Source: 2 mm before the end of a
 #: large needle driver's pads. [m]
 REACH_M = 0.0085
-#: Where the driving arm holds the needle from its swage, and the other from its tip. Source:
+#: Angles of the driving arm's grip from the swage, and of the other's from the tip. Source:
 #: measured: a jaw nearer to the point does not hold it well. [rad]
 HOLD_SWAGE, HOLD_TIP = np.radians([18.0, 16.0])
-#: How far the tip is before the surface where driving begins, and the needle's end beyond it where
-#: the needle has left. Source: our own choice. [rad]
+#: Angle of the tip before the surface at which driving begins, and of the needle's end beyond it at
+#: which the needle has left. Source: our own choice. [rad]
 BEFORE, BEYOND = np.radians([25.0, 9.0])
 #: Height of the wire above the surface in a jaw, at least, as one arm takes the needle from the
 #: other. Source: measured on a 26 mm half circle: jaws then stay clear of the tissue. [m]
@@ -47,33 +47,33 @@ JAW_M = 2.5e-3
 #: Width of a bite by that of a half of the tissue, at most. Source: measured: wider ones pull at
 #: the clamped face, and 2 N do not close a stiff wound; 5.8 mm in a half of 15 mm do.
 WIDEST = 0.36
-#: Bites are at least so much wider than a half of the gap. Source: our own choice: the channel
+#: Least width of a bite beyond a half of the gap. Source: our own choice: the channel
 #: points beside the wound lie 2 mm inside its walls. [m]
 LEAST_BITE_M = 2.5e-3
-#: Steps in which reach is looked at. Source: measured: steps of 12 deg miss solutions. [rad]
+#: Steps in which reach is checked. Source: measured: steps of 12 deg miss solutions. [rad]
 STEP = np.radians(4.0)
 #: Height above a needle from which it is picked. Source: our own choice. [m]
 ABOVE_M = 0.02
-#: Joints this near to a limit are as good as out of reach. Source: our own choice. [rad]
+#: Least room of a joint to a limit within reach. Source: our own choice. [rad]
 LEAST = np.radians(2.0)
-#: Axes of two shafts are at least so far apart. Source: radii of 4.2 mm of instruments and 5 mm of
+#: Least distance between the axes of two shafts. Source: radii of 4.2 mm of instruments and 5 mm of
 #: the endoscope, and some room. [m]
 APART_M = 0.0105
-#: From an instrument's tip back to the end of its shaft, along the jaw. Source: length of the wrist
+#: Distance from an instrument's tip back to the end of its shaft. Source: length of the wrist
 #: of a large needle driver in the dVRK's tables, 9.1 mm. [m]
 WRIST_M = 0.0091
-#: Points of a shaft that are looked at. Source: our own choice, one each 4 mm.
+#: Points of a shaft that are checked. Source: our own choice, one each 4 mm.
 ALONG = 40
-#: A circle's centre is at most so high, by its radius. Source: our own choice: flatter bites lie
+#: Largest height of a circle's centre by its radius. Source: our own choice: flatter bites lie
 #: within a patch's radius of the surface.
 MOST_RISE = 0.92
-#: Joints this far from all limits are good enough to look no further. Source: our own choice. [rad]
+#: Room of all joints at which no better plan is sought. Source: our own choice. [rad]
 ENOUGH = np.radians(8.0)
 
 
 @dataclass(frozen=True)
 class Grip:
-    """How a jaw holds a needle.
+    """A jaw's grip on a needle.
 
     Attributes:
         angle: on the needle, from its swage [rad]
@@ -152,7 +152,7 @@ class Plan:
     needle: Needle
 
     def document(self) -> dict[str, object]:
-        """Return it as a file has it."""
+        """Return the plan as plain values, for a file."""
         n = self.needle
         dimensions = {"radius_m": n.radius, "arc_rad": n.arc, "wire_m": n.wire, "taper_m": n.taper}
         rows: list[dict[str, object]] = []
@@ -341,7 +341,7 @@ class TipWorkspace:
             return None
 
     def room(self, T: Array) -> tuple[float, str]:
-        """Return how far joints can be from limits with the tip at a pose in the world, and which.
+        """Return the most room of joints to limits with the tip at a pose, and the nearest joint.
 
         Returns:
             the least distance, below 0 beyond a limit, -inf where no turning joint is in the way
@@ -391,7 +391,7 @@ class TipWorkspace:
 def make_plan(
     world: World, tissue: Tissue, wound: Array, places: Sequence[float], needle_pose: Array
 ) -> Plan:
-    """Plan stitches across a wound: which arm, which side, which grips.
+    """Plan stitches across a wound: arms, sides and grips.
 
     Args:
         world: with the arms
@@ -434,7 +434,7 @@ def make_plan(
 
 
 def circle_height(tissue: Tissue) -> float:
-    """Return how high the centre of a stitch's circle lies above the surface [m].
+    """Return the height of a stitch's circle's centre above the surface [m].
 
     The lower, the deeper it bites; so high that the jaws of both arms stay clear of the surface
     while they hold the needle, and that bites are not too wide for the tissue.

@@ -1,4 +1,4 @@
-"""How two arms make stitches: motions with force limits, looks at the results, second tries."""
+"""Policy of two arms that make stitches: motions with force limits, looks at results, retries."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from trocar.geometry.rotations import (
 )
 from trocar.geometry.se3 import exp_twist, inverse, log_transform, transform
 from trocar.simulation.tissue.tissues import SoftTissue
+from trocar.tasks.controller import PERIOD_S
 from trocar.tasks.motions import UP, Hand, Motion, together
 from trocar.tasks.suturing.planning import (
     ABOVE_M,
@@ -27,7 +28,7 @@ from trocar.tasks.suturing.planning import (
     TipWorkspace,
     needle_on_circle,
 )
-from trocar.tasks.task import PERIOD_S, Task
+from trocar.tasks.task import Task
 
 Array = NDArray[np.float64]
 
@@ -40,23 +41,23 @@ PULL_M_S, TIGHT_M_S = 0.04, 0.006
 #: by the tension that is missing, so that it ends below 2 N. Source: Horeman 2013 measured 3 +- 1.2
 #: N while surgeons pulled; 2 N closes the wound. [N, m/s/N, m/s]
 TIGHT_N, SLOW_N, GAIN, SLOWEST_M_S = 1.96, 0.5, 6e-3, 6e-4
-#: The needle turns in line with the pull within so much of it; shares of this turn that are tried,
-#: and steps in which reach is looked at then. Source: our own choice. [m, m]
+#: Part of the pull within which the needle turns in line with it; ratios of this turn that are
+#: tried, and steps in which reach is checked then. Source: our own choice. [m, m]
 TURN_M, SHARES, STEP_M = 0.02, (1.0, 0.75, 0.5, 0.25), 0.004
 #: Directions of the pull, the first that stays clear of the endoscope: back across the wound, up,
 #: and towards the arm's own side along it. Source: our own choice; the first closes a wound with
 #: the least force.
 PULLS = ((0.9, 0.45, 0.0), (0.4, 0.7, 0.6), (0.0, 0.8, 0.6))
-#: An instrument stays so far away from the endoscope's shaft. Source: our own choice: both are 9 mm
+#: Least distance of an instrument from the endoscope's shaft. Source: our own choice: both are 9 mm
 #: thick. [m]
 APART_M = 0.03
-#: The pull ends so far beyond the thread's free length though it is not tight: edges of the wound
-#: come along. Source: our own choice. [m]
+#: Length of the pull beyond the thread's free length at which it ends though it is not tight: edges
+#: of the wound come along. Source: our own choice. [m]
 GIVES_M = 0.02
-#: A needle that a jaw holds farther out of its plane is put down and picked again, and one with
-#: which the arm would not reach the whole arc. Source: our own choice. [deg]
+#: Largest tilt of a needle out of the jaw's plane: beyond it the needle is put down and picked
+#: again, as one with which the arm would not reach the whole arc. Source: our own choice. [deg]
 TILT_DEG = 35.0
-#: Times that anything is tried. Source: our own choice.
+#: Tries of each step. Source: our own choice.
 TRIES = 4
 #: Time in which pads come near to a needle, and in which a jaw that grips has taken hold of it.
 #: Source: our own choice. [s]
@@ -72,21 +73,21 @@ CLEAR_M = 0.006
 #: Looks at a needle in the jaws whose mean is taken, at one that was missed, and at where the next
 #: stitch is to go. Source: our own choice.
 LOOKS = 3
-#: A needle that is beside its circle is brought onto it within so much of the way. Source: our own
+#: Part of the way within which a needle beside its circle is brought onto it. Source: our own
 #: choice. [rad]
 ONTO_RAD = np.radians(20.0)
-#: A tip that has gone so far past its angle without a puncture has missed. Source: our own choice.
+#: Angle past the surface at which a tip without a puncture has missed. Source: our own choice.
 #: [rad]
 MISSED_RAD = np.radians(25.0)
 
 
 class StitchError(TrocarError):
-    """A stitch that could not be made: what went wrong."""
+    """A stitch that could not be made, with the reason."""
 
 
 @dataclass
 class PerceptionNoise:
-    """Errors of what is seen, uniform up to these, and of a needle's pose in the jaws, normal.
+    """Errors of perception: uniform ones up to these, normal ones of a needle's pose in the jaws.
 
     Attributes:
         place, turn: of a needle that lies [m, rad]
@@ -119,11 +120,11 @@ class Operation(Protocol):
         ...
 
     def make_plan(self) -> Plan:
-        """Plan the stitches, from where wound and needle are seen."""
+        """Plan the stitches from the seen wound and needle."""
         ...
 
     def announce(self, text: str) -> None:
-        """Say what happens now."""
+        """Publish the step that is executed."""
         ...
 
 
@@ -154,7 +155,7 @@ class NeedleHand(Hand):
         """
         behind = 0
         for T in poses:
-            now = self.task.target(self.arm)
+            now = self.task.controller.target(self.arm)
             change = rotation_vector_from_matrix(T[:3, :3] @ now[:3, :3].T)
             way = T[:3, 3] - now[:3, 3]
             far = float(np.linalg.norm(way)) > 0.006 or float(np.linalg.norm(change)) > 0.15
@@ -177,20 +178,23 @@ class NeedleHand(Hand):
     def line(self, goal: Array, speed: float = 0.05) -> Motion:
         """Go straight to a pose in the world (4, 4), and settle."""
         yield from self.go(goal, speed)
-        now = self.task.target(self.arm)
+        now = self.task.controller.target(self.arm)
         if np.linalg.norm(goal[:3, 3] - now[:3, 3]) > 1e-3:
             raise StitchError(f"{self.arm} does not reach {np.round(1e3 * goal[:3, 3], 1)} mm")
 
     def give_way(self) -> Motion:
-        """Bring the set-point half of the way to where the tip is, for a period."""
-        now, goal = self.task.target(self.arm), self.task.world.arms[self.arm].tip_in_world().T
+        """Bring the set-point half of the way to the measured tip, for a period."""
+        now, goal = (
+            self.task.controller.target(self.arm),
+            self.task.world.arms[self.arm].tip_in_world().T,
+        )
         change = rotation_vector_from_matrix(goal[:3, :3] @ now[:3, :3].T)
         way = np.concatenate([goal[:3, 3] - now[:3, 3], change])
         yield np.append(0.5 * way / PERIOD_S, self.jaw)
 
     def back(self, way: float, speed: float = 0.08) -> Motion:
         """Withdraw along the jaw [m]."""
-        yield from self.shift(-way * self.task.target(self.arm)[:3, 2], speed)
+        yield from self.shift(-way * self.task.controller.target(self.arm)[:3, 2], speed)
 
 
 class Sewing:
@@ -198,7 +202,7 @@ class Sewing:
 
     Args:
         task: the episode
-        operation: the same, as what it has beside a task
+        operation: the same, with its tissue and noise
     """
 
     def __init__(self, task: Task, operation: Operation) -> None:
@@ -276,7 +280,7 @@ class Sewing:
         raise StitchError(f"the needle was not picked in {TRIES} tries")
 
     def _aimed(self, number: int, stitch: Stitch) -> Stitch:
-        """Return a stitch through where its punctures are seen now: tight ones move the wound."""
+        """Return a stitch through its punctures as seen now: tight ones move the wound."""
         rng, error = self.op.noise_rng, self.op.noise.wound / np.sqrt(LOOKS)
         seen = self.op.tissue.read().points[number, [0, 3]] + error * rng.normal(size=(2, 3))
         planned = stitch.points[[0, 3]] @ stitch.wound[:3, :3].T + stitch.wound[:3, 3]
@@ -286,7 +290,7 @@ class Sewing:
         return replace(stitch, wound=transform(turn, shift) @ stitch.wound)
 
     def _drive(self, number: int, stitch: Stitch, held: Array) -> Generator[Array, None, Array]:
-        """Bring the needle to the wound and through both sides; return how it is held."""
+        """Bring the needle to the wound and through both sides; return the tip's pose in it."""
         hand, tissue = self.hands[stitch.driver], self.op.tissue
         begin = stitch.needle_pose(self.needle, stitch.start)
         yield from self._one(hand, hand.line(_raised(begin @ held, CLEAR_M)))
@@ -308,7 +312,7 @@ class Sewing:
         return held
 
     def _regrasp(self, stitch: Stitch, held: Array) -> Generator[Array, None, Array]:
-        """Let the other arm take the needle by its tip; return how it holds it."""
+        """Let the other arm take the needle by its tip; return the tip's pose in it."""
         self.op.announce("the other arm takes the needle")
         grip = stitch.grips[1].pose(self.needle)
         angles = np.arange(stitch.out, stitch.end, np.radians(4.0))
@@ -323,7 +327,7 @@ class Sewing:
         Args:
             stitch: whose grips
             row: 0: of the driver, 1: of the taker
-            given: how the other arm holds the needle now
+            given: pose of the other arm's tip in the needle now
             then: poses that the taker's tip shall go through afterwards
         """
         taker, giver = (stitch.driver, stitch.taker)[:: 1 - 2 * row]
@@ -374,7 +378,7 @@ class Sewing:
     def _pull_way(self, stitch: Stitch) -> Array:
         """Return the direction of the pull, (3,)."""
         world, along = self.task.world, stitch.wound[:3, 0]
-        start = self.task.target(stitch.taker)[:3, 3]
+        start = self.task.controller.target(stitch.taker)[:3, 3]
         port = self.hands[stitch.taker].reach.port
         aside = along * np.sign(along @ (port - stitch.wound[:3, 3]))
         axes = np.array([stitch.side * stitch.wound[:3, 1], UP, aside])
@@ -395,7 +399,7 @@ class Sewing:
 
     def _pull(self, hand: NeedleHand, held: Array, way: Array) -> Iterator[Array]:
         """Pull along a way, (3,), the needle's end behind the jaw: thread does not turn it then."""
-        start, tension, pulled = self.task.target(hand.arm), 0.0, 0.0
+        start, tension, pulled = self.task.controller.target(hand.arm), 0.0, 0.0
         most = self.op.tissue.tissue.thread.free + GIVES_M
         grip = held[:3, 3] + REACH_M * held[:3, 2]
         chord = (start @ inverse(held))[:3, :3] @ (grip - self.needle.swage[:3, 3])
@@ -418,9 +422,9 @@ class Sewing:
             tension = self.op.tissue.tension()
 
     def _hand_back(self, stitch: Stitch, held: Array) -> Generator[Array, None, Array]:
-        """Turn the needle on in the air and give it back; return how the driver holds it."""
+        """Turn the needle on in the air and give it back; return the driver's pose in it."""
         give = self.hands[stitch.taker]
-        begin = self.task.target(give.arm) @ inverse(held)
+        begin = self.task.controller.target(give.arm) @ inverse(held)
         start = stitch.start + np.radians(4.0)
         goal = stitch.needle_pose(self.needle, start)
         goal[2, 3] += 0.018
@@ -462,7 +466,7 @@ class Sewing:
     def _close(self, hand: NeedleHand, *others: NeedleHand) -> Iterator[Array]:
         """Close a jaw until it holds the needle.
 
-        Its arm, and others that hold the needle, give way to what pushes them.
+        Its arm, and others that hold the needle, yield to forces on them.
         """
         yield from self._near(hand)
         gently = np.arange(ALMOST, 0.0, -GENTLE_RAD_S * PERIOD_S).tolist()
@@ -485,7 +489,7 @@ class Sewing:
         def way() -> Iterator[Array]:
             angle, last = angles
             first = stitch.needle_pose(self.needle, angle) @ held
-            beside = log_transform(inverse(first) @ self.task.target(hand.arm))
+            beside = log_transform(inverse(first) @ self.task.controller.target(hand.arm))
             while angle < last:
                 angle = min(last, angle + rate * PERIOD_S)
                 left = max(0.0, 1.0 - (angle - angles[0]) / ONTO_RAD)
@@ -497,7 +501,7 @@ class Sewing:
 
     @staticmethod
     def _reaches(hand: NeedleHand, poses: list[Array]) -> bool:
-        """Return whether a hand gets through poses from where it is, away from its limits."""
+        """Return whether a hand gets through poses from its set-points, away from its limits."""
         q: Array | None = hand.task.world.arms[hand.arm].setpoints()[:-1]
         for T in poses:
             q = hand.reach.near(T, q)
@@ -519,7 +523,7 @@ class Sewing:
         yield from self._one(hand, hand.to_joints(found[2], 1.5))
 
     def _start_joints(self, stitch: Stitch, held: Array) -> Array | None:
-        """Return where the driver is above the wound, on the best way along the arc; None: none."""
+        """Return the driver's joints above the wound, on the best way along the arc; None: none."""
         hand = self.hands[stitch.driver]
         angles = np.arange(stitch.start, stitch.out, np.radians(4.0))
         poses = [stitch.needle_pose(self.needle, angle) @ held for angle in angles]
@@ -527,11 +531,11 @@ class Sewing:
         return None if found is None or found[0] < LEAST else found[2]
 
     def _pose(self, hand: Hand, held: Array) -> Array:
-        """Return the needle's pose in the world by how a hand holds it, (4, 4)."""
+        """Return the needle's pose in the world from that of a hand's tip in it, (4, 4)."""
         return self.task.world.arms[hand.arm].tip_in_world().T @ inverse(held)
 
     def _see(self) -> Array:
-        """Return where the needle lies, as it is seen."""
+        """Return the seen pose of the lying needle."""
         rng, noise = self.op.noise_rng, self.op.noise
         T = self.task.object_pose(self.op.tissue.tissue.needle)
         T[:2, 3] += noise.place * rng.uniform(-1.0, 1.0, 2)
@@ -539,7 +543,7 @@ class Sewing:
         return transform(turn @ T[:3, :3], T[:3, 3])
 
     def _look_again(self, hand: NeedleHand, held: Array) -> Generator[Array, None, Array]:
-        """Look at a needle in the jaws a few times; return the mean of how it is held."""
+        """Look at a needle in the jaws a few times; return the mean pose of the tip in it."""
         looks = [held]
         for _ in range(LOOKS - 1):
             yield from self._one(hand, hand.wait(PERIOD_S))

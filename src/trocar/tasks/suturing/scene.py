@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 from trocar.descriptions.catalogue import load_scene
 from trocar.descriptions.needles import Needle, needle_sizes
@@ -21,18 +22,16 @@ TISSUES: dict[str, dict[str, object]] = {
     "skin": {"modulus": 1e5, "layers": ((2e-3, 4e5),), "puncture": 1.0, "drag": 0.1},
     "soft": {"modulus": 1e5, "layers": (), "puncture": 0.2, "drag": 0.03},
 }
-#: Thread for one stitch, and more for each further one. Source: our own choice: paths of 18 mm and
-#: a tail that arms can pull. [m]
-THREAD_M, MORE_M = 0.06, 0.016
-#: Time for each further stitch. Source: our own choice. [s]
-MORE_S = 45.0
+#: Thread and time for each further stitch. Source: our own choice: paths of 18 mm and a tail that
+#: arms can pull. [m, s]
+MORE_M, MORE_S = 0.016, 45.0
 #: Length of a needle's point by its wire: jaws that take it behind the point hold it well.
 #: Source: our own choice.
 POINT = 2.0
 
 
 def suturing_scene(stitches: int = 1, needle: str = "", tissue: str = "phantom") -> Scene:
-    """Return the scene with a number of stitches, a needle and a tissue.
+    """Load the scene with a number of stitches, a needle and a tissue.
 
     Args:
         stitches: how many to make
@@ -53,7 +52,8 @@ def suturing_scene(stitches: int = 1, needle: str = "", tissue: str = "phantom")
     if needle:
         wire = _size(needle)
         props[name] = _with_needle(props[name], wire)
-    length = THREAD_M * wire.radius / soft.wire.radius + MORE_M * (stitches - 1)
+    more = stitches - soft.stitches
+    length = soft.thread.length * wire.radius / soft.wire.radius + MORE_M * more
     changed: Tissue = replace(
         soft,
         wire=wire,
@@ -62,9 +62,27 @@ def suturing_scene(stitches: int = 1, needle: str = "", tissue: str = "phantom")
         **TISSUES[tissue],
     )
     props[pad.name] = replace(pad, tissue=changed)
-    limit = scene.time_limit + MORE_S * (stitches - 1)
     rig = replace(scene.rig, props=tuple(props.values()))
-    return replace(scene, rig=rig, time_limit=limit)
+    return replace(scene, rig=rig, time_limit=scene.time_limit + MORE_S * more)
+
+
+def settings_of_stitches(scene: Scene, nominal: Scene) -> dict[str, Any]:
+    """Return settings of thread and time, where a scene has other stitches than the nominal one.
+
+    Args:
+        scene, nominal: with and without settings
+    """
+    tissues = {prop.name: prop.tissue for prop in nominal.rig.props}
+    found: dict[str, Any] = {}
+    for prop in scene.rig.props:
+        before = tissues[prop.name]
+        if prop.tissue is None or before is None:
+            continue
+        if more := prop.tissue.stitches - before.stitches:
+            length = before.thread.length + MORE_M * more
+            found[f"{prop.name}.thread.length_mm"] = round(1e3 * length, 6)
+            found["time_limit_s"] = nominal.time_limit + MORE_S * more
+    return found
 
 
 def _size(name: str) -> Needle:

@@ -1,4 +1,4 @@
-"""How well stitches were made: errors of the path, forces, slip, closure; and published scores."""
+"""Scores of stitches: errors of the path, forces, slip, closure; and published scores."""
 
 from __future__ import annotations
 
@@ -195,7 +195,7 @@ def score_pass(tips: ArrayLike, entry: Array, out: Array) -> Pass:
 
 
 def _crossing(path: Array, hole: Array, direction: float) -> tuple[int, float]:
-    """Return which point lies beyond a hole's plane after the last crossing, and how far off it."""
+    """Return the number of the point after the last crossing of a hole's plane, and its error."""
     local = (path - hole[:3, 3]) @ hole[:3, :3]
     near = np.flatnonzero((np.abs(local) <= HOLE_M).all(axis=1))
     z = direction * local[near, 2]

@@ -1,4 +1,4 @@
-"""What an endoscope's pictures are used for."""
+"""Vision: needles, instruments, wounds and objects in an endoscope's images, and overlays."""
 
 from trocar.tasks.vision.instruments import TipFix, find_marker, find_tip
 from trocar.tasks.vision.needle_tracking import JAWS, Holder, NeedleEstimate, NeedleTracker

@@ -21,8 +21,8 @@ from trocar.tasks.vision.images import metal, opencv
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
-#: Images are alike at such a correlation, and exchanged from such a disparity on. Source: our own
-#: choice: two pixels of the reduced images. [, px]
+#: Least correlation of images that are alike, and least disparity of exchanged ones. Source: our
+#: own choice: two pixels of the reduced images. [, px]
 ALIKE, SURE_PX = 0.5, 8.0
 
 
@@ -90,7 +90,7 @@ class Eyes:
         return flat @ self.K[eye, :2, :2].T + self.K[eye, :2, 2]
 
     def project_with_jacobian(self, points: Array) -> tuple[Array, Array, Array]:
-        """Return what both eyes see of points (n, 3) in the left eye's frame.
+        """Project points (n, 3) in the left eye's frame into both eyes.
 
         Returns:
             pixels (2, n, 2), depths (2, n) and d pixel / d point (2, n, 2, 3)

@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 Picture = NDArray[np.uint8]
 
-#: A line point lies within this of its pixel's middle. Source: Steger 1998, with slack. [px]
+#: Largest distance of a line point from its pixel's middle. Source: Steger 1998, with slack. [px]
 SUBPIXEL = 0.6
 
 
@@ -108,7 +108,7 @@ def filtered_rows(values: Floats, kernel: Array) -> Floats:
 
 
 def smoothed_columns(values: Floats, count: int) -> Floats:
-    """Return means of so many rows, (n, k)."""
+    """Return means of `count` rows, (n, k)."""
     cv2 = opencv()
     return cv2.blur(values, (1, count), borderType=cv2.BORDER_REPLICATE)
 

@@ -26,10 +26,10 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 Picture = NDArray[np.uint8]
 
-#: What is compared about the tip, and how far it may be off [m]. Source: an instrument's wrist and
-#: jaws, and hand-eye errors of 3 mm.
+#: Radius that is compared about the tip, and the largest error of its prediction [m]. Source: an
+#: instrument's wrist and jaws, and hand-eye errors of 3 mm.
 AROUND_M, OFF_M = 0.011, 0.0065
-#: Depth may be off by so much [m]. Source: as above.
+#: Largest error of the depth [m]. Source: as above.
 DEPTH_M = 0.0045
 #: Gradients below this are noise, smoothed by this [grey levels a pixel, px]. Source: prototypes.
 FLOOR, SMOOTH = 4.0, 1.6
@@ -37,16 +37,16 @@ FLOOR, SMOOTH = 4.0, 1.6
 INNER = 0.4
 #: Least share of the prediction's edges that the image has. Source: our own choice.
 LEAST = 0.15
-#: A marker's pixels differ from grey by this at least [grey levels], by a share of what its
-#: clearest one does, and in its own direction by so much more than across it; it has so many
-#: pixels, and both eyes agree on its place to this [px]. Source: our own choice.
+#: A marker: least difference of its pixels from grey [grey levels], the same by the clearest
+#: pixel, ratio of the difference in its own direction to that across, least number of pixels, and
+#: largest disagreement of both eyes on its place [px]. Source: our own choice.
 PALE, CLEAR, PURE, LEAST_PX, APART_PX = 12.0, 0.5, 1.5, 12, 3.0
 #: Parts of an instrument that are compared.
 PARTS = ("wrist_pitch", "wrist_yaw", "finger_left", "finger_right")
 
 
 class TipFix(NamedTuple):
-    """Where a tip is: pixels in both eyes (2, 2), point in the left eye's frame (3,), score."""
+    """A found tip: pixels in both eyes (2, 2), point in the left eye's frame (3,), score."""
 
     pixels: Array
     point: Array
@@ -54,7 +54,7 @@ class TipFix(NamedTuple):
 
 
 def instrument_masks(frame: StereoFrame, arm: str) -> list[NDArray[np.bool_]]:
-    """Return where wrist and jaws of an arm are in each eye of a rendered frame with ids.
+    """Return the pixels of an arm's wrist and jaws in each eye of a rendered frame with ids.
 
     Raises:
         InputError: a frame without ids
@@ -79,13 +79,13 @@ def find_tip(
     masks: Sequence[NDArray[np.bool_]],
     tip: ArrayLike,
 ) -> TipFix:
-    """Return where an instrument's tip is, near where kinematics has it.
+    """Find an instrument's tip in both eyes' images, near its place by kinematics.
 
     Args:
         calibration: of both eyes
         left, right: images
-        predicted: both eyes' images, rendered where kinematics has the instrument
-        masks: what of these is the instrument, see `instrument_masks`
+        predicted: both eyes' images, rendered with the instrument at its place by kinematics
+        masks: the instrument's pixels in these, see `instrument_masks`
         tip: predicted, in the left eye's frame, (3,) [m]
 
     Raises:
@@ -141,7 +141,7 @@ def find_tip(
 def find_marker(
     calibration: StereoCalibration, left: ArrayLike, right: ArrayLike, colour: ArrayLike
 ) -> TipFix:
-    """Return where a marker is, as a dot or band of paint on an instrument: its middle as seen.
+    """Find the middle of a marker, such as a dot or band of paint on an instrument.
 
     Args:
         calibration: of both eyes

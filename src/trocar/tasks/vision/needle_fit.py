@@ -30,8 +30,9 @@ Rod = tuple[Array, Array, float]
 
 #: Profiles of each eye along the arc. Source: our own choice; 4 px apart at 80 mm and 1280x720.
 PROFILES = 56
-#: Neighbouring profiles are averaged, so that many are worth one. Source: our own choice; the share
-#: makes a profile's standard deviation hold: prototypes, and `python -m benchmarks vision`.
+#: Number of neighbouring profiles that are averaged, and of those worth one measurement. Source:
+#: our own choice; the ratio makes a profile's standard deviation hold: prototypes, and `python -m
+#: benchmarks vision`.
 SMOOTH, WORTH = 5, 0.4
 #: Spacing of a profile's samples, and width of the rims beside the wire [px]. Source: our own
 #: choice.
@@ -40,17 +41,17 @@ STEP, RIM = 0.5, 3.0
 #: With 0.5 the filter left the depth to the disparity, which calibration spoils: 90 % of errors
 #: were 1.07 mm at 640x480; with 0.25 0.82 mm, no less consistent with their covariance.
 SIGMA_PX = 0.25
-#: How far ends are looked for, and spacing of samples along the arc [m]. Source: our own choice.
+#: Range of the search for ends, and spacing of samples along the arc [m]. Source: our own choice.
 REACH_M, ALONG_M = 0.0024, 0.00006
 #: Standard deviation of an end's place, as an angle [rad]; and how thick the point is where it can
 #: no more be seen [px]. Source: measured on rendered needles.
 END_RAD, POINT_PX = np.deg2rad(1.5), 1.2
 #: Profiles of the point, where the wire is thinner than what it is matched with, slide towards a
 #: shadow beside it: in the filter they weigh nothing from this share of the wire's width on. A
-#: search needs them: they tell poses apart. Source: 20 rendered needles, one of which was 3 degrees
+#: search needs them: they separate poses. Source: 20 rendered needles, one of which was 3 degrees
 #: off by two profiles.
 THIN = 0.5
-#: Evidence is cut off here: glints and shadows. Source: our own choice.
+#: Bounds of the evidence, beyond which glints and shadows are cut off. Source: our own choice.
 DARK, BRIGHT = -0.6, 1.6
 
 
@@ -87,7 +88,7 @@ class Ends(NamedTuple):
 
 
 class FitQuality(NamedTuple):
-    """How well a pose explains the images.
+    """Agreement of a pose with the images.
 
     Attributes:
         share: of profiles that show the needle where the pose has it, of both eyes
@@ -235,7 +236,7 @@ class NeedleFit:
     # ------------------------------------------------------------------ measurements
 
     def covers(self, rods: Sequence[Rod]) -> Covers | None:
-        """Return what rods cover of both eyes' images, None without rods."""
+        """Return the bands of both eyes' images that rods cover, None without rods."""
         if not rods:
             return None
         ends = np.concatenate([(start, end) for start, end, _ in rods])
@@ -288,7 +289,7 @@ class NeedleFit:
         )
 
     def ends(self, views: Sequence[_View], T: Array, covers: Covers | None = None) -> Ends:
-        """Return where the ends of the arc are seen: swage and tip, of the left eye first."""
+        """Measure the ends of the arc in the images: swage and tip, of the left eye first."""
         needle = self.needle
         s = np.arange(-REACH_M, REACH_M, ALONG_M)
         count = len(s)
@@ -361,7 +362,7 @@ class NeedleFit:
         return found
 
     def quality(self, rows: ProfileRows) -> FitQuality:
-        """Return how well the pose of profiles explains the images."""
+        """Return the agreement of the profiles' pose with the images."""
         good = (rows.weight > 0.3) & (np.abs(rows.offset) < 2.0)
         n = len(good) // 2
         rms = float(np.sqrt(np.mean(rows.offset[good] ** 2))) if good.any() else np.inf
@@ -375,7 +376,7 @@ class NeedleFit:
         colours: Colours | None = None,
         rods: Sequence[Rod] = (),
     ) -> tuple[Array, FitQuality, Colours]:
-        """Return the pose that fits best, near a given one, how well it does, and its colours."""
+        """Return the pose that fits best, near a given one, with its quality and its colours."""
         covers = self.covers(rods)
         for k, length in enumerate(lengths):
             if colours is None:

@@ -16,21 +16,21 @@ Array = NDArray[np.float64]
 
 #: Depths at which needles are looked for [m]. Source: our own choice, about the working distance.
 NEAREST_M, FARTHEST_M = 0.04, 0.16
-#: Share of the pixels that may be lines. Source: our own choice, 1.5 times what a needle at 60 mm
-#: and its jaws are.
+#: Largest ratio of the pixels that are lines. Source: our own choice, 1.5 times that of a needle at
+#: 60 mm and its jaws.
 LINES = 0.03
 #: Triples of points that are tried, and circles that are scored. Source: our own choice.
 TRIPLES, CIRCLES = 2400, 400
-#: A point of a circle counts as seen within this share of the focal length, 3.7 px at 1280x720;
-#: for jaws, whose pose has an error, within the second. Source: our own choice.
+#: Largest distance of a seen point from a line, by the focal length, 3.7 px at 1280x720; the second
+#: for jaws, whose pose has an error. Source: our own choice.
 NEAR, NEAR_HELD = 1.0 / 300.0, 1.0 / 110.0
-#: Radii of circles through three points may be off by so much [m]. Source: stereo noise at 100 mm.
+#: Largest error of the radius of a circle through three points [m]. Source: stereo noise at 100 mm.
 RADIUS_M = 0.0022
 #: Points along an arc, turns about the wire, places along it, of needles in jaws. Source: our own
 #: choice: 5 degrees, 0.6 mm.
 POINTS, TURNS, PLACES = 36, 72, 20
-#: Where jaws hold needles: share of the arc from the swage. Source: guides of suturing (1/3 to
-#: 1/2), with room.
+#: Range of jaws' grips on needles, as ratios of the arc from the swage. Source: guides of suturing
+#: (1/3 to 1/2), with room.
 FROM, TO = 0.12, 0.62
 
 
@@ -117,7 +117,7 @@ class NeedleSearch:
     # ------------------------------------------------------------------ inside
 
     def _near(self, points: Array, share: float) -> Array:
-        """Return how near points (h, n, 3) come to lines of both eyes, 0 to 1, (h, n)."""
+        """Return the nearness of points (h, n, 3) to lines of both eyes, 0 to 1, (h, n)."""
         width, height = self.eyes.size
         found = np.zeros(points.shape[:2])
         for eye, distance in enumerate(self._distance):

@@ -47,18 +47,18 @@ WALK_M, WALK_RAD, MOTION = 3e-4, np.deg2rad(0.6), 0.02
 TAKEN_M, TAKEN_RAD = 0.003, np.deg2rad(15.0)
 #: Standard deviations of a found pose. Source: our own choice, above those of prototypes. [m, rad]
 FOUND_M, FOUND_RAD = 0.0015, np.deg2rad(6.0)
-#: An update is accepted with so many of the profiles (both eyes, the worse eye), such residuals
-#: [px] and such a squared distance from the prediction. Source: prototypes.
+#: Conditions of an update: least ratios of the profiles (both eyes, the worse eye), largest
+#: residuals [px] and squared distance from the prediction. Source: prototypes.
 SHARE, WORST, RMS_PX, GATE = 0.22, 0.1, 0.9, 45.0
-#: Images show the needle clearly with so many profiles of the worse eye. Source: our own choice.
+#: Least ratio of the worse eye's profiles in clear images. Source: our own choice.
 CLEAR = 0.4
-#: A pose of a search is believed with so many profiles. Source: our own choice.
+#: Least ratio of the profiles of a found pose. Source: our own choice.
 BELIEVED = 0.3
-#: ... and such residuals [px]; with so many profiles of the worse eye no other is tried. Source:
-#: needles in 60 rendered scenes: right ones have 0.1 to 0.4 px and 0.5 or more, wrong ones 0.5 to 1
-#: px or fewer.
+#: Largest residuals of a found pose [px], and the ratio of the worse eye's profiles above which no
+#: other pose is tried. Source: needles in 60 rendered scenes: right ones have 0.1 to 0.4 px and 0.5
+#: or more, wrong ones 0.5 to 1 px or fewer.
 FOUND_PX, SURE = 0.45, 0.55
-#: Without an image of the needle for so long it is searched anew. Source: our own choice. [s]
+#: Time without an image of the needle after which it is searched anew. Source: our own choice. [s]
 LOST_S = 2.0
 #: Lengths of profiles [px]. Source: our own choice.
 SHORTEST, LONGEST = 4, 20
@@ -68,7 +68,7 @@ ITERATIONS, NEAR_PX, COLOURS_EVERY = 3, 8.0, 4
 
 
 class NeedleEstimate(NamedTuple):
-    """Where a needle is.
+    """Estimate of a needle's pose.
 
     Attributes:
         time: of the images [s]
@@ -77,7 +77,7 @@ class NeedleEstimate(NamedTuple):
         T_left_needle: its pose in the left eye's frame, (4, 4), None while searching
         covariance: of (translation, rotation about the circle's centre) in the left eye's axes,
             (6, 6) [m, rad]
-        quality: how well it explains the images, None while searching or predicting
+        quality: its agreement with the images, None while searching or predicting
     """
 
     time: float
@@ -111,13 +111,13 @@ class NeedleEstimate(NamedTuple):
 
 @dataclass(frozen=True)
 class Holder:
-    """What carries a needle: a tool that holds it, or what it lies on.
+    """Carrier of a needle: the tool that holds it, or the surface that it lies on.
 
     Attributes:
         name: "PSM1", "world", ...
         T_left_holder: its pose in the left eye's frame at the images' stamp, (4, 4); of a tool the
             tip's, z along the fingers, x along the jaws' hinge
-        reach: from a tool's tip to where its jaws hold [m]; None of what it lies on
+        reach: distance from a tool's tip to its grip [m]; None of a surface
         rods: parts of the tool that may cover the needle, in the holder's frame: start, end, radius
     """
 
@@ -203,12 +203,12 @@ class NeedleTracker:
     def update(
         self, time: float, left: ArrayLike, right: ArrayLike, holder: Holder = RESTING
     ) -> NeedleEstimate:
-        """Return where the needle is in a pair of images.
+        """Estimate the needle's pose from a pair of images.
 
         Args:
             time: stamp of the images, later than of those before [s]
             left, right: (h, w, 3) bytes, red, green, blue
-            holder: what carries the needle
+            holder: carrier of the needle
 
         Raises:
             InputError: images out of order, or of another size or type than the calibration's
@@ -377,7 +377,7 @@ class NeedleTracker:
 
 
 def _score(quality: FitQuality) -> float:
-    """Return how far a found pose is believed; offsets tell a plane from its mirror image."""
+    """Return the score of a found pose; offsets separate a plane from its mirror image."""
     return quality.share + quality.worst - quality.rms
 
 

@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 #: The filter's gains of position and velocity. Source: prototypes on the simulated endoscope, tried
 #: at 30 and 60 Hz: 0.5 px of noise stays below 0.5 px, an object at 10 mm/s below 8 px.
 ALPHA, BETA = 0.5, 0.1
-#: Weights of the three errors, and how dear the joints are: a roll is avoided, a metre of insertion
+#: Weights of the three errors, and costs of the joints: a roll is avoided, a metre of insertion
 #: counts as 6.7 rad. Source: our own choice.
 ERRORS = np.array([1.0, 1.0, 0.3])
 JOINTS = np.array([1.0, 1.0, 0.15, 1.5])
@@ -41,12 +41,12 @@ DAMPING = 1e-5
 
 @dataclass(frozen=True)
 class ServoSettings:
-    """How an object is kept in view.
+    """Settings of a visual servo.
 
     Attributes:
         depth: from the camera [m]
         gain: of the errors in the picture; half of it for the depth [1/s]
-        lost_after: without a picture of the object for so long, the arm stops [s]
+        lost_after: time without a picture of the object after which the arm stops [s]
     """
 
     depth: float = 0.1
@@ -97,7 +97,7 @@ class VisualServo:
         self._time: float | None = None
 
     def see(self, time: float, q: ArrayLike, left: ArrayLike, right: ArrayLike) -> Array:
-        """Take in where both eyes saw the object.
+        """Take in the object's pixels in both eyes.
 
         Args:
             time: stamp of the pictures, later than of those before [s]

@@ -15,8 +15,8 @@ from trocar.tasks.vision.images import opencv
 
 Picture = NDArray[np.uint8]
 
-#: Images of both eyes are of one moment when their stamps differ by less [s]. Source: half of the
-#: time between images at 30 Hz.
+#: Largest difference of both eyes' stamps at one moment [s]. Source: half of the time between
+#: images at 30 Hz.
 TOGETHER_S = 0.016
 #: Ends of topics of an eye's images. Source: image_transport, dvrk_video.
 ENDS = ("image_raw", "image_raw/compressed", "image_rect_color", "image_color")

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from trocar.descriptions.scenes import Goal
 from trocar.tasks.motions import TRIES, UP, Hand, Motion, together
-from trocar.tasks.task import SETTLED_S, Task
-from trocar.tasks.transfer import HandOver
+from trocar.tasks.referee import SETTLED_S
+from trocar.tasks.scenes.transfer import HandOver
+from trocar.tasks.task import Task
 
 Array = NDArray[np.float64]
 
@@ -26,7 +27,7 @@ class ThreadTask(Task):
     RAISED_M, WAY_M, OPENING = 0.001, 0.02, 0.6
 
     def middle(self, name: str, along: float) -> tuple[Array, float]:
-        """Return the place of a thread so far from its beginning, and the direction across it."""
+        """Return the place at a distance from a thread's beginning, and the direction across it."""
         thread = self.world.threads[name]
         points = thread.points()
         number = along / thread.thread.link
@@ -36,15 +37,17 @@ class ThreadTask(Task):
         return point, float(np.arctan2(way[1], way[0])) + 0.5 * np.pi
 
     def take(self, hand: Hand, name: str, along: float, height: float) -> Motion:
-        """Lift a thread by so much, by the place so far from its beginning [m]."""
+        """Lift a thread to a height, gripped at a distance from its beginning [m]."""
         yield from hand.take(name, lambda: self.middle(name, along), height, self.OPENING)
 
 
 class ThreadHandOver(ThreadTask):
     """One arm lifts a thread by its beginning, the other takes it farther along and carries it."""
 
-    #: Where along the thread the left and the right arm hold it, how high the right one goes above
-    #: that, and where the left one holds it out. Source: our own choice. [m]
+    task = "thread-handover"
+
+    #: Places along the thread of the left and the right arm's grip, height of the right one above
+    #: its place, and the place at which the left one holds it out. Source: our own choice. [m]
     GIVE_M, TAKE_M, OVER_M, MEETING_M = 0.006, 0.03, 0.004, np.array([-0.018, 0.0, 0.034])
 
     def policy(self) -> Iterator[Array]:
@@ -54,12 +57,12 @@ class ThreadHandOver(ThreadTask):
         for _ in range(TRIES):
             if self.met(goal, at):
                 break
-            if self.held(taker.arm) != goal.object:
+            if self.referee.held.get(taker.arm) != goal.object:
                 yield from together(self, **{giver.arm: self._give(giver, goal.object)})
                 take = self.take(taker, goal.object, self.TAKE_M, self.OVER_M)
                 yield from together(self, **{taker.arm: take})
                 yield from together(self, **{giver.arm: self._leave(giver)})
-            carry = taker.shift(self.place(goal, at) - self.object_pose(goal.object)[:3, 3])
+            carry = taker.shift(self.referee.place(goal, at) - self.object_pose(goal.object)[:3, 3])
             yield from together(self, **{taker.arm: carry})
             yield from together(self, **{taker.arm: taker.wait(2.0 * SETTLED_S)})
 
@@ -83,11 +86,13 @@ class ThreadKnot(ThreadTask):
     a knot that still takes `KNOT_M` of it.
     """
 
-    #: How far from its ends the thread is held, and how high it is lifted. Source: our own choice.
-    #: [N, m, m, m]
+    task = "thread-knot"
+
+    #: Tension and length of the knot at which the goal is met, distance of the grips from the
+    #: ends, and height to which the thread is lifted. Source: our own choice. [N, m, m, m]
     PULL_N, KNOT_M, END_M, LIFT_M = 0.5, 0.01, 0.006, 0.012
-    #: How far each arm pulls and how fast, until the knot has only so much of the thread. Source:
-    #: our own choice; jaws that jerk lose thread. [m, m/s, m]
+    #: Distance and speed of each arm's pull, and the length of the knot that ends it. Source: our
+    #: own choice; jaws that jerk lose thread. [m, m/s, m]
     PULLS = ((0.05, 0.03, 0.038), (0.02, 0.006, 0.0))
 
     def reset(self, seed: int) -> dict[str, Array]:
@@ -96,28 +101,27 @@ class ThreadKnot(ThreadTask):
         name = self.goals[0][0].object
         T = self.object_pose(name)
         self.world.objects[name].set_curve(loose_knot() @ T[:3, :3].T + T[:3, 3])
-        self._begin()
+        self.begin()
         return self.observation()
 
-    def _begin(self) -> None:
+    def begin(self) -> None:
+        """Begin to count, with no tension."""
         self.tension = 0.0
-        super()._begin()
+        super().begin()
 
-    def look(self) -> None:
-        """Note how strongly both sides of the knot were pulled."""
-        if self.world.time >= self.time:
-            found = self.world.threads[self.goals[0][0].object].tension()[[2, -3]]
-            self.tension = max(self.tension, float(found.min()))
-        super().look()
+    def measure(self) -> None:
+        """Measure the largest tension on both sides of the knot."""
+        found = self.world.threads[self.goals[0][0].object].tension()[[2, -3]]
+        self.tension = max(self.tension, float(found.min()))
 
     def met(self, goal: Goal, at: Array) -> bool:
         """Return whether both arms hold a thread with a knot that was pulled shut."""
-        both = all(self.held(arm) == goal.object for arm in self.arms)
+        both = all(self.referee.held.get(arm) == goal.object for arm in self.arms)
         pulled = self.tension >= self.PULL_N and self.knotted() >= self.KNOT_M
         return both and pulled and super().met(goal, at)
 
     def knotted(self) -> float:
-        """Return how much of the thread between both grips is not straight [m]."""
+        """Return the length by which the thread between both grips exceeds their distance [m]."""
         thread = self.world.threads[self.goals[0][0].object]
         points = thread.points()[2:-2]
         return float(

@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from trocar.descriptions.scenes import Goal
 from trocar.geometry.se3 import transform
 from trocar.kinematics.chain_pose import chain_pose
+from trocar.tasks.controller import PERIOD_S
 from trocar.tasks.motions import Hand, Motion, together
-from trocar.tasks.task import PERIOD_S, Task
+from trocar.tasks.task import Task
 
 Array = NDArray[np.float64]
 
-#: Share of the distance to its goal that the endoscope goes in a period. Source: our own choice.
+#: Ratio of the distance to its goal that the endoscope goes in a period. Source: our own choice.
 GAIN = 0.1
 #: Step of finite differences [rad, m]. Source: our own choice.
 STEP = 1e-5
@@ -26,6 +27,8 @@ DAMPING = 1e-3
 class Reach(Task):
     """Tips go to places, alone or beside objects."""
 
+    task = "reach"
+
     def policy(self) -> Iterator[Array]:
         """Yield the actions of the scripted policy."""
         motions: dict[str, Motion] = {}
@@ -34,7 +37,7 @@ class Reach(Task):
                 motions[goal.arm] = self._creep(goal.arm, at)
             else:
                 place = at + (self.object_pose(goal.object)[:3, 3] if goal.object else 0.0)
-                facing = self.target(goal.arm)[:3, :3]
+                facing = self.controller.target(goal.arm)[:3, :3]
                 motions[goal.arm] = Hand(self, goal.arm).go(transform(facing, place))
         return together(self, **motions)
 
@@ -46,7 +49,7 @@ class Reach(Task):
             yield self.joint_rates(arm, lambda T: T[:3, 3], error)
 
     def joint_rates(self, arm: str, value: Callable[[Array], Array], error: Array) -> Array:
-        """Return an endoscope's joint velocities that lessen an error of something about its tip.
+        """Return an endoscope's joint velocities that reduce an error of its tip.
 
         Args:
             arm: name of the endoscope
@@ -68,6 +71,8 @@ class Reach(Task):
 
 class Track(Reach):
     """The endoscope looks at places: its optical axis passes within `radius` of each goal."""
+
+    task = "track"
 
     def met(self, goal: Goal, at: Array) -> bool:
         """Return whether the axis passes near a place that lies ahead."""
@@ -94,30 +99,31 @@ class Track(Reach):
 class ActiveTrack(Track):
     """The endoscope follows a target that circles; it is in the middle 95 % of the time."""
 
+    task = "active-track"
+
     #: Radius of the circle and time of a turn. Source: our own choice. [m, s]
     CIRCLE_M, TURN_S = 0.03, 12.0
-    #: Share of the time. Source: our own choice.
+    #: Least ratio of the looks at which the target is in the middle. Source: our own choice.
     SHARE = 0.95
     #: Time to find the target at the beginning. Source: our own choice. [s]
     FIND_S = 2.0
 
-    def _begin(self) -> None:
+    def begin(self) -> None:
+        """Begin to count, with the target where the goal is."""
         self._middle = self.goals[0][1]
         self._looks = self._good = 0
-        super()._begin()
+        super().begin()
 
-    def look(self) -> None:
-        """Move the target, then note what counts."""
+    def measure(self) -> None:
+        """Move the target, and count the looks at which it is in the middle."""
         goal, _ = self.goals[0]
         angle = 2.0 * np.pi * self.world.time / self.TURN_S
         at = self._middle + self.CIRCLE_M * np.array([np.cos(angle), np.sin(angle), 0.0])
-        self.goals = ((goal, at),)
-        if self.world.time > self.FIND_S and not self.done:
+        self.referee.goals = ((goal, at),)
+        if self.world.time > self.FIND_S:
             self._looks += 1
             self._good += self.met(goal, at)
-        super().look()
-        if self.reason == "done":  # not before the end
-            self.done, self.success, self.reason = False, False, ""
-            self._since = None
-        if self.done and self.reason == "time" and self._good >= self.SHARE * self._looks:
-            self.success, self.reason = True, "done"
+
+    def accomplished(self, settled: bool, late: bool) -> bool:  # noqa: ARG002  it goes on
+        """Return whether the time is over and the target was in the middle for most of it."""
+        return late and self._good >= self.SHARE * self._looks

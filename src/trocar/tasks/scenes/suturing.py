@@ -17,20 +17,24 @@ from trocar.geometry.rotations import rotation_z
 from trocar.geometry.se3 import inverse, transform
 from trocar.simulation.records import DrawnCurve
 from trocar.simulation.tissue.tissues import SoftTissue
+from trocar.tasks.controller import PERIOD_S
+from trocar.tasks.referee import SETTLED_S
 from trocar.tasks.suturing.planning import Plan, make_plan, wound_frame
 from trocar.tasks.suturing.policy import PerceptionNoise, Sewing, StitchError
+from trocar.tasks.suturing.scene import settings_of_stitches
 from trocar.tasks.suturing.scores import Watch, score_pass
-from trocar.tasks.task import PERIOD_S, SETTLED_S, Task
+from trocar.tasks.task import Task
 
 Array = NDArray[np.float64]
 
 #: Half the range of the wound's place and rotation, and the largest factor on its stiffness, each
 #: way. Source: our own choice. [m, rad]
 PLACE_M, TURN_RAD, STIFFER = 0.015, np.radians(20.0), 2.0
-#: Points that are seen of a wound, and the share of its length that they are seen of. Source: our
+#: Points that are seen of a wound, and the ratio of its length along which they lie. Source: our
 #: own choice.
 SEEN, SEEN_SHARE = 15, 0.9
-#: Stitches are scored every so many periods. Source: our own choice, 10 Hz: forces change slowly.
+#: Periods between two measurements of stitches. Source: our own choice, 10 Hz: forces change
+#: slowly.
 LOOK_PERIODS = 5
 #: Units at the end of the scores' names.
 UNITS = ("mm", "um", "deg", "n", "s")
@@ -39,7 +43,7 @@ UNITS = ("mm", "um", "deg", "n", "s")
 RING_M, RING, RING_RGBA = (1.2e-3, 1.2e-4, 2e-4), 16, (0.35, 0.75, 1.0, 1.0)
 #: Height of a banner by that of the picture. Source: our own choice.
 BANNER = 0.055
-#: A stitch is closed with less than this between the edges. Source: our own choice. [m]
+#: Largest gap between the edges at a closed stitch. Source: our own choice. [m]
 CLOSED_M = 3e-4
 
 
@@ -48,11 +52,13 @@ class Suturing(Task):
 
     Attributes:
         tissue: that is stitched
-        noise, noise_rng: errors of what the policy sees, and their generator
-        banner: what the policy does
+        noise, noise_rng: errors of the policy's perception, and their generator
+        banner: step that the policy executes
         find_wound: returns points of the wound's middle from noisy ones, both in the world (n, 3)
             [m]; None: these are taken as they are
     """
+
+    task = "suturing"
 
     noise = PerceptionNoise()
     find_wound: Callable[[Array], Array] | None = None
@@ -62,12 +68,18 @@ class Suturing(Task):
         self._seed, self.banner = 0, ""
         super().__init__(scene)
 
+    @classmethod
+    def derived_settings(cls, scene: Scene, nominal: Scene) -> dict[str, Any]:
+        """Return settings of thread and time for other numbers of stitches."""
+        return settings_of_stitches(scene, nominal)
+
     def reset(self, seed: int) -> dict[str, Array]:
         """Begin an episode: the wound, its stiffness and the needle are drawn."""
         self._seed = seed
         return super().reset(seed)
 
-    def _begin(self) -> None:
+    def begin(self) -> None:
+        """Draw the wound and its stiffness, and begin to count the stitches."""
         tissues = self.world.tissues
         if len(tissues) != 1:
             raise InputError(f"{self.scene.name}: got {len(tissues)} tissues; allowed: one")
@@ -79,11 +91,11 @@ class Suturing(Task):
         at = start[:3, 3] + [*rng.uniform(-place, place, 2), 0.0]
         pose = transform(rotation_z(rng.uniform(-turn, turn)) @ start[:3, :3], at)
         self.tissue.set_cp(pose, float(stiffer ** rng.uniform(-1.0, 1.0)))
-        self.goals = self._stitch_goals()
+        self.referee.goals = self._stitch_goals()
         self._plan: Plan | None = None
         self.watch = Watch(self.world, self.tissue, self.tissue.tissue.wire)
-        self._tight, self._failed = np.zeros(len(self.goals), bool), ""
-        super()._begin()
+        self._tight = np.zeros(len(self.goals), bool)
+        super().begin()
 
     def _stitch_goals(self) -> tuple[tuple[Goal, Array], ...]:
         """Return one goal for each stitch."""
@@ -100,19 +112,16 @@ class Suturing(Task):
             return False
         return tissue.locked(number) and bool(tissue.read().gaps[number, 0] < CLOSED_M)
 
-    def look(self) -> None:
-        """Note what counts, of the tissue too."""
-        due = round(self.world.time / PERIOD_S) % LOOK_PERIODS == 0
-        if due and self.world.time >= self.time and not self.done:
-            read = self.watch.look(int(self._tight.sum()))
-            for number in np.flatnonzero(~self._tight):
-                if self.tissue.locked(int(number)) and read.left[number].all():
-                    self.watch.close(int(number), read)
-                    self._tight[number] = True
-            self.watch.measure_gaps(read)
-        super().look()
-        if self._failed and not self.done:
-            self.done, self.reason = True, self._failed
+    def measure(self) -> None:
+        """Measure the stitches."""
+        if round(self.world.time / PERIOD_S) % LOOK_PERIODS:
+            return
+        read = self.watch.look(int(self._tight.sum()))
+        for number in np.flatnonzero(~self._tight):
+            if self.tissue.locked(int(number)) and read.left[number].all():
+                self.watch.close(int(number), read)
+                self._tight[number] = True
+        self.watch.measure_gaps(read)
 
     def figures(self) -> dict[str, Any]:
         """Return the scores of the stitches, of each the largest; see `StitchScore`."""
@@ -187,9 +196,9 @@ class Suturing(Task):
             sewing = Sewing(self, self)
             yield from sewing.run()
             yield from sewing.rest(SETTLED_S + 0.1)
-            self._failed = "the wound is still open"
+            self.referee.failed = "the wound is still open"
         except StitchError as problem:
-            self._failed = str(problem)
+            self.referee.failed = str(problem)
 
 
 @lru_cache(maxsize=16)
@@ -208,15 +217,18 @@ class NeedleThroughPhantom(Suturing):
     as the challenge defines it, beside the scores of stitches.
     """
 
+    task = "needle-through-phantom"
+
     spread = (0.0, 0.0, 1.0)
 
-    def _begin(self) -> None:
+    def begin(self) -> None:
+        """Begin to count, with no pass made."""
         self._ways: dict[int, list[Array]] = {}
-        super()._begin()
+        super().begin()
 
-    def look(self) -> None:
-        """Note what counts, and where the tip is until thread follows it."""
-        super().look()
+    def measure(self) -> None:
+        """Measure the stitches, and the way of the tip until thread follows it."""
+        super().measure()
         number = int(self._tight.sum())
         if number < len(self.goals) and not self.tissue.left[number].any():
             tip = self.object_pose(self.tissue.tissue.needle) @ self.tissue.tissue.wire.tip

@@ -20,8 +20,9 @@ from trocar.geometry.rotations import (
     rotation_vector_from_matrix,
 )
 from trocar.rendering import Endoscope, Look, StereoFrame
+from trocar.tasks.controller import PERIOD_S
 from trocar.tasks.motions import UP, Hand, Motion, together
-from trocar.tasks.task import PERIOD_S, Task
+from trocar.tasks.task import Task
 from trocar.tasks.vision.images import opencv
 from trocar.tasks.vision.needle_fit import change
 from trocar.tasks.vision.needle_tracking import JAWS, Holder, NeedleEstimate, NeedleTracker
@@ -48,8 +49,8 @@ Picture = NDArray[np.uint8]
 
 #: Commands of 20 ms between images. Source: our own choice, 25 images a second as in videos.
 COMMANDS = 2
-#: How the images look unless the scene says otherwise: style, and noise as a share of white.
-#: Source: our own choice; the goals of tracking.
+#: Look of the images unless the scene has another: style, and noise as a ratio of white. Source:
+#: our own choice; the goals of tracking.
 LOOK: Mapping[str, Any] = {"style": "surgical", "noise": 0.03}
 #: Directions in which a box's outline is touched, and rounds of weights. Source: our own choice.
 DIRECTIONS, ROUNDS = 36, 12
@@ -72,16 +73,17 @@ class EndoscopeTask(Task):
         self.overlay = self._overlaid
         super().__init__(scene)
 
-    def _begin(self) -> None:
+    def begin(self) -> None:
+        """Begin to count, with no image seen."""
         self._looks, self.shown = -1, None  # the first look, of a reset, opens no renderer
         self._items: list[Item] = []
         self._worked = False
         T_world_left = self.world.camera("endoscope").T_world_camera @ self._eyes.mounts[0]
         self._T_tip_left = inverse(self._measured("ECM")) @ T_world_left
-        super()._begin()
+        super().begin()
 
     def look(self) -> None:
-        """Take in images when they are due, then note what counts."""
+        """Judge as other tasks, then take in images when they are due."""
         super().look()
         if self._looks % COMMANDS == 0 and not self.done:
             frame = self.scope().capture_next()
@@ -106,7 +108,7 @@ class EndoscopeTask(Task):
         return self._scope
 
     def see(self, frame: StereoFrame) -> list[Item]:
-        """Take in a frame and return what to draw into it."""
+        """Take in a frame and return the items to draw into it."""
         raise NotImplementedError
 
     def measured_left(self) -> Array:
@@ -124,7 +126,7 @@ class EndoscopeTask(Task):
         return self.shown
 
     def close(self) -> None:
-        """Let go of the graphics library."""
+        """Release the graphics library."""
         if self._scope is not None:
             self._scope.close()
             self._scope = None
@@ -133,34 +135,36 @@ class EndoscopeTask(Task):
 class NeedleTracking(EndoscopeTask):
     """An arm picks up a needle and carries it about; a tracker follows it in the images."""
 
-    #: Length of the path in the air, its size, and by how much the needle turns. Source: our own
+    task = "needle-tracking"
+
+    #: Duration and size of the path in the air, and rotation of the needle on it. Source: our own
     #: choice; the tip moves at up to 25 mm/s. [s, m, rad]
     CARRY_S, PATH_M, TURN_RAD = 5.0, np.array([0.012, 0.007, 0.003]), 0.35
-    #: Where that path begins: before the scope, in its axis, in the world [m].
+    #: Beginning of that path: before the scope, in its axis, in the world [m].
     MIDDLE = np.array([0.0, -0.012, 0.018])
-    #: How much higher than other objects a wire is grasped, and the way above it. Source: as in
-    #: needle-pick. [m]
+    #: Height of the grasp above the wire, and of the way. Source: as in needle-pick. [m]
     RAISED_M, WAY_M = 0.0012, 0.02
     topics: Mapping[str, str] = {
         "needle/estimate": "pose in the left eye's frame, standard deviations and state, as JSON",
         "needle/truth": "true pose, centre line in both eyes' pixels and visible share, as JSON",
     }
 
-    def _begin(self) -> None:
+    def begin(self) -> None:
+        """Begin to count, with a new tracker."""
         (prop,) = [one for one in self.world.rig.objects if one.needle is not None]
         assert prop.needle is not None  # noqa: S101
         self.name, self.needle = prop.name, prop.needle
         self.tracker = NeedleTracker(self._eyes, self.needle)
         self._rows: list[tuple[float, ...]] = []
         self._messages: dict[str, Any] = {}
-        super()._begin()
+        super().begin()
         self._reach = Hand(self, self.arms[0]).reach
 
     def see(self, frame: StereoFrame) -> list[Item]:
         """Track the needle and compare with the truth; draw the estimate."""
         T_left_world = inverse(self.measured_left())
         (arm,) = (one for one in self.arms if self.world.arms[one].type == "PSM")
-        if self.held(arm) == self.name:
+        if self.referee.held.get(arm) == self.name:
             holder = Holder(arm, T_left_world @ self._measured(arm), self._reach, JAWS)
         else:
             holder = Holder("world", T_left_world)
@@ -241,7 +245,7 @@ class NeedleTracking(EndoscopeTask):
         angle = float(np.arctan2(T[1, 1], T[0, 1]))
         yield from hand.pick(middle, angle, self.WAY_M, 0.5)
         yield from hand.shift(self.MIDDLE - self.object_pose(self.name)[:3, 3])
-        yield from self._about(hand, self.target(hand.arm), self.CARRY_S)
+        yield from self._about(hand, self.controller.target(hand.arm), self.CARRY_S)
         self._worked = True
         yield from hand.shift(at - self.object_pose(self.name)[:3, 3])
 
@@ -261,6 +265,8 @@ class NeedleTracking(EndoscopeTask):
 
 class AugmentedReality(NeedleTracking):
     """The scope moves; what the tracker found and what is planned stays where it belongs."""
+
+    task = "augmented-reality"
 
     #: Planned stitch on the bed, a region that tools shall not enter, in the world. Source: our own
     #: choice. [m]
@@ -302,10 +308,12 @@ class AugmentedReality(NeedleTracking):
 class VisualServoing(EndoscopeTask):
     """The ECM keeps a blue block in view by its images, while a PSM carries it about."""
 
-    #: Time of the scripted work, and where the block goes: the middle and half the range. Source:
-    #: our own choice. [s, m]
+    task = "visual-servoing"
+
+    #: Time of the scripted work, and half the range of the block's places. Source: our own choice.
+    #: [s, m]
     WORK_S, RANGE_M = 60.0, np.array([0.026, 0.022, 0.008])
-    #: How fast. Source: the goals have 10 mm/s. [m/s]
+    #: Speed of the block. Source: the goals have 10 mm/s. [m/s]
     SPEED_M_S = 0.02
     #: Depth from the camera at which the block is kept [m]. Source: our own choice.
     DEPTH_M = 0.09
@@ -315,11 +323,12 @@ class VisualServoing(EndoscopeTask):
         "servo/target": "pixels of the target in both eyes, and its visible share, as JSON"
     }
 
-    def _begin(self) -> None:
+    def begin(self) -> None:
+        """Begin to count, with a new servo."""
         self._rows: list[tuple[float, ...]] = []
         self._messages: dict[str, Any] = {}
         self._ecm = next(name for name in self.arms if self.world.arms[name].type == "ECM")
-        super()._begin()
+        super().begin()
         self.servo = VisualServo(
             self.world.arms[self._ecm].description,
             self._eyes,
@@ -328,7 +337,7 @@ class VisualServoing(EndoscopeTask):
         )
 
     def see(self, frame: StereoFrame) -> list[Item]:
-        """Find the block in both eyes and note where it is."""
+        """Find the block in both eyes, and record its pixels."""
         pixels = [blue_box(image) for image in frame.eyes]
         left, right = pixels
         q = self.world.arms[self._ecm].positions()
@@ -364,12 +373,12 @@ class VisualServoing(EndoscopeTask):
         return depth * np.append(flat, 1.0)
 
     def messages(self) -> dict[str, Any]:
-        """Return where the block was found in the newest images."""
+        """Return the block's pixels in the newest images."""
         found, self._messages = self._messages, {}
         return found
 
     def figures(self) -> dict[str, float]:
-        """Return how well the block is kept in view, by name with units."""
+        """Return the errors of keeping the block in view, by name with units."""
         rows = np.array(self._rows).reshape(-1, 5)
         if not len(rows):
             return {}
@@ -450,7 +459,7 @@ def pose_errors(found: Array, truth: Array) -> tuple[float, float, float]:
 
 def _towards(hand: Hand, goal: Array) -> Array:
     """Return the action that brings a tip to a pose within a command."""
-    now = hand.task.target(hand.arm)
+    now = hand.task.controller.target(hand.arm)
     turn = rotation_vector_from_matrix(goal[:3, :3] @ now[:3, :3].T)
     way = goal[:3, 3] - now[:3, 3]
     return np.array([*(way / PERIOD_S), *(turn / PERIOD_S), hand.jaw])

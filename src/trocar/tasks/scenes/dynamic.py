@@ -1,4 +1,4 @@
-"""Tasks about what moves by itself: push, stack, stop, pull, carry with two arms, carry balls."""
+"""Dynamic tasks: push, stack, stop a pendulum, pull a band, carry with two arms, carry balls."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from trocar.descriptions.scenes import Goal
 from trocar.descriptions.sensors import TensionReading
 from trocar.geometry.se3 import transform
 from trocar.tasks.motions import TRIES, UP, Hand, Motion, together
-from trocar.tasks.task import SETTLED_S, Task
-from trocar.tasks.transfer import Carry, across
+from trocar.tasks.referee import SETTLED_S
+from trocar.tasks.scenes.transfer import Carry, across
+from trocar.tasks.task import Task
 
 Array = NDArray[np.float64]
 
@@ -21,9 +22,11 @@ Array = NDArray[np.float64]
 class Push(Task):
     """A puck is pushed along the table to a place, by the closed jaw."""
 
+    task = "push"
+
     #: Radius of the puck and of the jaw's end, height of the pads' ends above the table, height of
-    #: the way, speed, and how far the jaw goes off the line per millimetre of the puck. Source: the
-    #: scene's puck; the rest is our own choice. [m, m/s]
+    #: the way, speed, and steering: speed of the jaw across the line per distance of the puck
+    #: from it. Source: the scene's puck; the rest is our own choice. [m, m/s, 1/s]
     RADIUS_M, END_M, LOW_M, WAY_M, SPEED_M_S, STEER = 0.01, 0.003, 0.003, 0.03, 0.03, 2.0
 
     def policy(self) -> Iterator[Array]:
@@ -43,7 +46,7 @@ class Push(Task):
                 way, far = self._way(goal, at)
                 if far < 0.0005:
                     break
-                here = self.target(hand.arm)[:3, 3]
+                here = self.controller.target(hand.arm)[:3, 3]
                 off = self.object_pose(goal.object)[:3, 3] - here
                 side = np.array([-way[1], way[0], 0.0])
                 speed = min(self.SPEED_M_S, 2.0 * far + 0.004)
@@ -55,7 +58,7 @@ class Push(Task):
             yield from hand.wait(2.0 * SETTLED_S)
 
     def _way(self, goal: Goal, at: Array) -> tuple[Array, float]:
-        """Return the direction from the object to its place and how far it is, [m]."""
+        """Return the direction from the object to its place, and the distance [m]."""
         way = (at - self.object_pose(goal.object)[:3, 3]) * [1.0, 1.0, 0.0]
         far = float(np.linalg.norm(way))
         return way / max(far, 1e-9), far
@@ -63,6 +66,8 @@ class Push(Task):
 
 class Stack(Carry):
     """Blocks are put on top of each other."""
+
+    task = "stack"
 
     GRASP_M, RELEASE_M, OPENING = 0.001, 0.0005, 0.9
 
@@ -73,13 +78,15 @@ class Pendulum(Task):
     It is met when it hangs at rest and no arm touches it.
     """
 
-    #: Speed of the bob at rest; how far from the bob's middle the jaw meets it, height above it.
-    #: Source: our own choice, the bob of the scene. [m/s, m]
+    task = "pendulum"
+
+    #: Speed of the bob at rest; distance from the bob's middle at which the jaw meets it, height
+    #: above it. Source: our own choice, the bob of the scene. [m/s, m]
     REST_M_S, SIDE_M, WAY_M = 0.02, 0.009, 0.03
 
     def met(self, goal: Goal, at: Array) -> bool:
-        """Return whether it hangs at rest, and alone."""
-        states = self._states
+        """Return whether it hangs at rest, away from the jaw."""
+        states = self.referee.states
         row = states.names.index(goal.object)
         T = self.object_pose(goal.object)
         tip = self.world.arms[self.arms[0]].tip_in_world().T[:3, 3]
@@ -101,7 +108,7 @@ class Pendulum(Task):
 
     def _run(self, hand: Hand) -> Motion:
         ((_, at),) = self.goals
-        side = 1.0 if self.target(hand.arm)[0, 3] > at[0] else -1.0
+        side = 1.0 if self.controller.target(hand.arm)[0, 3] > at[0] else -1.0
         beside = at + hand.reach * UP
         down = hand.pointing_down(np.pi / 2.0, beside)
         outwards = np.array([side, 0.0, 0.0])
@@ -117,10 +124,12 @@ class Pendulum(Task):
 class BandPull(Task):
     """A handle on an elastic band is pulled until the band has a tension, which is held."""
 
-    #: Speed per newton, how near the tension must be, and how long. Source: our own choice.
-    #: [m/s, N, s]
+    task = "band-pull"
+
+    #: Speed per newton, tolerance of the tension, and time for which it must be kept. Source: our
+    #: own choice. [m/s/N, N, s]
     M_S_PER_N, NEAR_N, HELD_S = 0.04, 0.05, 1.0
-    #: The range that a reset draws it from. Source: our own choice. [N]
+    #: Range of the tension that a reset draws. Source: our own choice. [N]
     LEAST_N, MOST_N = 0.5, 1.2
     WAY_M = 0.015
 
@@ -130,12 +139,13 @@ class BandPull(Task):
         self.wanted = float(rng.uniform(self.LEAST_N, self.MOST_N))
         return super().reset(seed)
 
-    def _begin(self) -> None:
+    def begin(self) -> None:
+        """Begin to count, with no tension held."""
         self._near_since: float | None = None
-        super()._begin()
+        super().begin()
 
     def observation(self) -> dict[str, Array]:
-        """Return also the tension that the band has, and the one that it shall have [N]."""
+        """Return also the tension of the band, and the goal of it [N]."""
         return {**super().observation(), "tension": np.array([self.tension(), self.wanted])}
 
     def tension(self) -> float:
@@ -144,7 +154,7 @@ class BandPull(Task):
 
     def met(self, goal: Goal, at: Array) -> bool:  # noqa: ARG002
         """Return whether the handle is held, and the tension was right for a second."""
-        held = any(self.held(arm) == goal.object for arm in self.arms)
+        held = goal.object in self.referee.held.values()
         if not held or abs(self.tension() - self.wanted) > self.NEAR_N:
             self._near_since = None
             return False
@@ -176,7 +186,9 @@ class BandPull(Task):
 class BarCarry(Task):
     """Two arms lift one bar by its ends, carry it to a place, and put it down."""
 
-    #: Where the arms hold it, from its middle along its x axis; heights. Source: the scene. [m]
+    task = "bar-carry"
+
+    #: Distance of the grips from its middle, along its x axis; heights. Source: the scene. [m]
     END_M, WAY_M, RELEASE_M, OPENING = 0.026, 0.02, 0.001, 0.9
 
     def policy(self) -> Iterator[Array]:
@@ -212,6 +224,8 @@ class BarCarry(Task):
 
 class TrayCarry(Carry):
     """A tray with balls is carried by its handle; the balls stay on it."""
+
+    task = "tray-carry"
 
     #: Source: the scene; speed is our own choice.
     GRASP_M, WAY_M, RELEASE_M, SPEED_M_S = 0.013, 0.015, 0.0005, 0.05

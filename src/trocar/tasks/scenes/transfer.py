@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 
 from trocar.descriptions.scenes import Goal
 from trocar.tasks.motions import TRIES, UP, Hand, Motion, together
-from trocar.tasks.task import SETTLED_S, Task
+from trocar.tasks.referee import SETTLED_S
+from trocar.tasks.task import Task
 
 Array = NDArray[np.float64]
 
-#: Fewer sides make a ring with corners, which is held in the middle of a side. Source: our own
-#: choice, as rings are drawn.
+#: Least number of rods of a round ring; one of fewer has corners, and is held in the middle of a
+#: side. Source: our own choice, as rings are drawn.
 ROUND = 8
 
 
@@ -22,8 +23,8 @@ class Carry(Task):
     """One arm brings objects to places, one after the other, and again what is not there then.
 
     Attributes of a class:
-        GRASP_M: how much above the object's middle it is held, so that the fingers' ends do not
-            press on what it lies on [m]
+        GRASP_M: height of the grip above the object's middle, so that the fingers' ends do not
+            press on the table or pad below [m]
         WAY_M, RELEASE_M: height of the way, and of the release above the goal [m]
         OPENING: of the jaw that takes and releases it [rad]
         LEVEL: as `Hand.take` has it
@@ -43,7 +44,7 @@ class Carry(Task):
                 name = goal.object
                 grip = lambda name=name: self.grasp(name)  # noqa: E731
                 yield from hand.take(name, grip, self.WAY_M, self.OPENING, self.LEVEL)
-                place = self.place(goal, at)
+                place = self.referee.place(goal, at)
                 if goal.held:
                     yield from hand.shift(place - self.object_pose(name)[:3, 3])
                 else:
@@ -52,13 +53,15 @@ class Carry(Task):
             yield from hand.wait(2.0 * SETTLED_S)
 
     def grasp(self, name: str) -> tuple[Array, float]:
-        """Return where and along which direction a jaw holds an object now, (3,) [m], [rad]."""
+        """Return the point of a grip on an object now, and the jaw's direction, (3,) [m], [rad]."""
         T = self.object_pose(name)
         return T[:3, 3] + self.GRASP_M * UP, across(T)
 
 
 class PickPlace(Carry):
     """Cylinders that stand on the table go into cups."""
+
+    task = "pick-place"
 
     #: Source: the scene's cylinders and cups are 14 and 10 mm high. Lower down, the fingers wedge a
     #: cylinder's upper end between them and do not let go of it.
@@ -68,14 +71,18 @@ class PickPlace(Carry):
 class Retrieve(Carry):
     """An object is lifted, and held at a place in the air."""
 
+    task = "retrieve"
+
     WAY_M = 0.02
 
 
 class NeedlePick(Retrieve):
     """A needle that lies flat is lifted by the middle of its arc, and held in the air."""
 
-    #: Radius of the arc, and how much higher than other objects a wire is grasped, so that the
-    #: fingers' ends do not press into the pad. Source: the scene. [m]
+    task = "needle-pick"
+
+    #: Radius of the arc, and height of the grip above the wire, so that the fingers' ends do not
+    #: press into the pad. Source: the scene. [m]
     RADIUS_M, GRASP_M, OPENING, LEVEL = 0.01, 0.0012, 0.5, True
 
     def grasp(self, name: str) -> tuple[Array, float]:
@@ -86,6 +93,8 @@ class NeedlePick(Retrieve):
 
 class PegBoard(Carry):
     """Rings and triangles go from pegs to other pegs."""
+
+    task = "peg-board"
 
     OPENING = 0.6
 
@@ -98,9 +107,9 @@ class PegBoard(Carry):
         return point + self.GRASP_M * UP, angle
 
     def pegs(self) -> list[Array]:
-        """Return where the pegs are: the goals, and where the objects begin."""
+        """Return the places of the pegs: the goals, and those at which the objects begin."""
         return [
-            *(self.place(goal, at) for goal, at in self.goals),
+            *(self.referee.place(goal, at) for goal, at in self.goals),
             *(prop.pose[:3, 3] for prop in self.scene.rig.objects),
         ]
 
@@ -116,20 +125,22 @@ class HandOver(Task):
             of its rods, with directions in the world
         RAISED_M: as `GRASP_M` of `Carry`, when it is lifted
         WAY_M, RELEASE_M, OPENING, LEVEL: as of `Carry`
-        MEETING_M: where it is handed over [m]
+        MEETING_M: place at which it is handed over [m]
     """
+
+    task = "hand-over"
 
     GIVE, TAKE, RADIUS_M, RAISED_M = np.pi, 0.0, 0.0, 0.001
     WAY_M, RELEASE_M, OPENING, LEVEL = 0.025, 0.002, 0.6, False
     MEETING_M = np.array([0.0, 0.0, 0.035])
-    #: How far the one that gave goes aside. Source: our own choice. [m]
+    #: Distance by which the giving arm goes aside. Source: our own choice. [m]
     ASIDE_M = 0.03
 
     def policy(self) -> Iterator[Array]:
         """Yield the actions of the scripted policy."""
         hands = {arm: Hand(self, arm) for arm in self.arms}
         for _ in range(TRIES * (1 + max(goal.stage for goal, _ in self.goals))):
-            stage, before = self.stage, None
+            stage, before = self.referee.stage, None
             for goal, at in self.goals:
                 if goal.stage != stage or self.met(goal, at):
                     continue
@@ -150,7 +161,7 @@ class HandOver(Task):
             yield from together(self, **{self.arms[0]: hands[self.arms[0]].wait(2.0 * SETTLED_S)})
 
     def _give(self, hand: Hand, goal: Goal, left: bool) -> Motion:
-        """Lift an object and bring it to where it is handed over."""
+        """Lift an object and bring it to the place at which it is handed over."""
         name = goal.object
 
         def grip() -> tuple[Array, float]:
@@ -161,7 +172,7 @@ class HandOver(Task):
         yield from hand.shift(self.MEETING_M - self.object_pose(name)[:3, 3])
 
     def hand_over(self, giver: Hand, taker: Hand, name: str, left: bool) -> Iterator[Array]:
-        """Let an arm take what another holds, which then goes upwards and aside."""
+        """Let an arm take an object from another, which then goes upwards and aside."""
         yield from self._pass(giver, taker, *self.grasp(name, not left))
         way = np.array([-self.ASIDE_M if left else self.ASIDE_M, 0.0, 0.0])
         yield from together(self, **{giver.arm: giver.shift(way)})
@@ -181,7 +192,7 @@ class HandOver(Task):
         yield from together(self, **{giver.arm: give()})
 
     def grasp(self, name: str, left: bool) -> tuple[Array, float]:
-        """Return where an arm holds an object, and the direction along which its fingers close."""
+        """Return the point of an arm's grip, and the direction along which its fingers close."""
         angle = self.GIVE if left else self.TAKE
         return self._arc(name, angle) if self.RADIUS_M else rim(self, name, angle)
 
@@ -193,7 +204,7 @@ class HandOver(Task):
 
     def _end(self, hand: Hand, goal: Goal, at: Array) -> Motion:
         """Bring the object to its goal in the end."""
-        place = self.place(goal, at)
+        place = self.referee.place(goal, at)
         if goal.held:
             yield from hand.shift(place - self.object_pose(goal.object)[:3, 3])
         else:
@@ -209,17 +220,19 @@ class WallTransfer(HandOver):
     point each.
     """
 
+    task = "wall-transfer"
+
     MEETING_M = np.array([0.0, 0.0, 0.055])
 
-    def _begin(self) -> None:
+    def begin(self) -> None:
+        """Begin to count, and estimate the pose of the board."""
         self.hands: dict[str, set[str]] = {}
-        super()._begin()
-        self._T_board = self._estimated()
+        super().begin()
+        self.T_board = self._estimated()
 
-    def look(self) -> None:
-        """Note who has had which ring."""
-        super().look()
-        for arm, name in self._held.items():
+    def measure(self) -> None:
+        """Note the hands that each ring has been in."""
+        for arm, name in self.referee.held.items():
             self.hands.setdefault(name, set()).add(arm)
 
     def met(self, goal: Goal, at: Array) -> bool:
@@ -228,10 +241,10 @@ class WallTransfer(HandOver):
 
     def score(self) -> float:
         """Return a point for each ring at its goal."""
-        return float(self._met)
+        return float(self.referee.met_count)
 
     def _estimated(self) -> Array:
-        """Return the board's pose as the rings show it that lie on its pegs."""
+        """Estimate the board's pose by the rings that lie on its pegs."""
         props = {prop.name: prop for prop in self.scene.rig.objects}
         names = [goal.object for goal, _ in self.goals]
         seen = np.array([self.object_pose(name)[:3, 3] for name in names])
@@ -244,13 +257,15 @@ class WallTransfer(HandOver):
         return T @ props[self.goals[0][0].on].pose
 
     def _end(self, hand: Hand, goal: Goal, at: Array) -> Motion:
-        place = self._T_board[:3, :3] @ at + self._T_board[:3, 3]
+        place = self.T_board[:3, :3] @ at + self.T_board[:3, 3]
         over = place + self.RELEASE_M * UP
         yield from hand.place(goal.object, over, self.WAY_M, self.OPENING)
 
 
 class NeedleHandOver(HandOver):
     """A needle goes from the left arm to the right one."""
+
+    task = "needle-handover"
 
     GIVE, TAKE = np.radians(150.0), np.radians(30.0)
     RADIUS_M, RAISED_M = NeedlePick.RADIUS_M, NeedlePick.GRASP_M
@@ -260,7 +275,9 @@ class NeedleHandOver(HandOver):
 class NeedleRegrasp(NeedleHandOver):
     """A needle goes from the left arm to the right one and back, held at another place."""
 
-    #: Where the left arm takes it again. Source: our own choice. [rad]
+    task = "needle-regrasp"
+
+    #: Direction of the left arm's second grip. Source: our own choice. [rad]
     AGAIN = np.radians(120.0)
 
     def hand_over(self, giver: Hand, taker: Hand, name: str, left: bool) -> Iterator[Array]:
@@ -276,7 +293,7 @@ def across(T: Array) -> float:
 
 
 def rim(task: Task, name: str, angle: float) -> tuple[Array, float]:
-    """Return where a ring is held nearest to a direction, and the direction there.
+    """Return the point of a ring's grip that is nearest to a direction, and the direction there.
 
     Args:
         task: the episode

@@ -1,0 +1,267 @@
+"""Velocities of tips become set-points of joints: limits, lag, inverse kinematics, jaws."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from trocar.errors import InputError, SingularError, UnreachableError
+from trocar.geometry.rotations import matrix_from_rotation_vector
+from trocar.geometry.se3 import inverse
+from trocar.simulation import World
+from trocar.simulation.arm import Arm
+
+Array = NDArray[np.float64]
+#: Set-points and their velocities of arms, {arm: (q, v)}.
+Row = dict[str, tuple[Array, Array]]
+
+#: Duration of an action. Source: our own choice, 50 Hz. [s]
+PERIOD_S = 0.02
+#: Physics steps between the set-points of an action, which lie on straight lines between its ends.
+#: Source: our own choice.
+EVERY = 10
+#: Largest speeds of a tip, of its rotation and of the jaw. Source: our own choice; instruments move
+#: at up to 0.1 m/s in peg transfers (`trocar score`). [m/s, rad/s, rad/s]
+SPEED_M_S, SPIN_RAD_S, JAW_RAD_S = 0.2, 4.0, 5.0
+#: Closing of a grip beyond the measured opening of the jaw. Source: the servo (6 N m/rad) then
+#: exerts its 0.16 N m ten times over, and the tracking tolerance of 0.6 rad is not reached. [rad]
+GRIP_RAD = 0.3
+#: Largest lead of set-points over measured joints, as a ratio of the tracking tolerance, beyond
+#: which an arm goes into FAULT, as when it presses on the table. Source: our own choice.
+LAG = 0.5
+#: Ratio of its greatest velocity that a joint gets which would be too fast. Source: our own choice;
+#: joints do not move in proportion to the tip.
+SLOWED = 0.95
+#: Margin of an endoscope's velocities below its limits, as a ratio. Source: our own choice,
+#: rounding.
+ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class _Driven:
+    """An arm that actions drive.
+
+    Attributes:
+        arm: of the world
+        part: of an action
+        own: number of its joints without the jaw
+        fastest, tolerances: of a PSM's joints without the jaw, (n,) [rad/s or m/s, rad or m]
+        T_arm_world: the world in the frame of an arm that stands in it, which never moves; None of
+            an arm on another one
+    """
+
+    arm: Arm
+    part: slice
+    own: int
+    fastest: Array
+    tolerances: Array
+    T_arm_world: Array | None
+
+
+class TipController:
+    """Turns actions into set-points of arms, and commands these.
+
+    An action has seven numbers for each PSM: velocity of the tip and its angular velocity in axes
+    of the world [m/s, rad/s], opening of the jaw, grip below 0 [rad]; and four for an ECM, the
+    velocities of its joints [rad/s, m/s]. Values beyond `limits` are clipped.
+
+    Args:
+        world: with the arms; `begin` before the first action
+        arms: names of the driven PSMs and ECMs, in the order of an action
+        label: of error messages
+
+    Attributes:
+        world, arms: as given
+        limits: least and largest values of an action, (n,) each
+        stalled: time for which each arm stayed though an action moves it, {arm: time} [s]
+        stalls: why an arm stays now, {arm: reason}
+    """
+
+    def __init__(self, world: World, arms: Sequence[str], label: str) -> None:
+        self.world, self.arms, self._label = world, tuple(arms), label
+        standing = {place.name for place in world.rig.arms if not place.on}
+        self._driven: dict[str, _Driven] = {}
+        low: list[float] = []
+        high: list[float] = []
+        for name in self.arms:
+            begin, arm = len(high), world.arms[name]
+            joints = arm.description.joints
+            if arm.type == "PSM":
+                joints = joints[:-1]
+                high += [SPEED_M_S] * 3 + [SPIN_RAD_S] * 3 + [float(arm.upper[-1])]
+                low += [-SPEED_M_S] * 3 + [-SPIN_RAD_S] * 3 + [-GRIP_RAD]
+            else:
+                fastest = [(1.0 - ROUNDING) * joint.velocity_max for joint in joints]
+                high += fastest
+                low += [-value for value in fastest]
+            self._driven[name] = _Driven(
+                arm,
+                slice(begin, len(high)),
+                arm.description.own_joints,
+                np.array([joint.velocity_max for joint in joints]),
+                np.array([joint.tracking_tolerance for joint in joints]),
+                inverse(world.reference_pose(name)) if name in standing else None,
+            )
+        self.limits: tuple[Array, Array] = np.array(low), np.array(high)
+        self._rows = round(PERIOD_S / (EVERY * world.timestep))
+        self._joints: dict[str, Array] = {}
+        self._targets: dict[str, Array] = {}
+        self.stalled: dict[str, float] = {}
+        self.stalls: dict[str, str] = {}
+
+    def begin(self) -> None:
+        """Hold the arms where they are, with nothing counted."""
+        for name, driven in self._driven.items():
+            self._joints[name] = driven.arm.setpoints()
+            if driven.arm.type == "PSM":
+                self._targets[name] = driven.arm.tip_in_world().T
+        self.stalled = dict.fromkeys(self.arms, 0.0)
+        self.stalls.clear()
+
+    def setpoints(self, action: ArrayLike) -> list[Row]:
+        """Compute the set-points of an action, one row for every `EVERY` physics steps.
+
+        After the first row, rows lack arms that rest, and jaws that do.
+
+        Args:
+            action: see the class
+
+        Raises:
+            InputError: another shape, or numbers that are not finite; nothing changes
+        """
+        low, high = self.limits
+        try:
+            values = np.asarray(action, np.float64)
+        except (TypeError, ValueError, OverflowError):
+            values = np.full(1, np.nan)
+        if values.shape != high.shape or not np.isfinite(values).all():
+            raise InputError(
+                f"{self._label}: got the action {action!r}; allowed: {len(high)} finite numbers"
+            )
+        values = np.minimum(np.maximum(values, low), high)
+        count = self._rows
+        rows: list[Row] = []
+        while len(rows) < count:
+            rows.append({})
+        for name, driven in self._driven.items():
+            before = self._joints[name]
+            after = self._joints[name] = self._next(name, driven, values[driven.part])
+            change, own = after - before, driven.own
+            part = slice(None) if change[own:].any() else slice(own)
+            for k, row in enumerate(rows if change.any() else rows[:1], 1):
+                q, v = before + (k / count) * change, change / PERIOD_S
+                row[name] = (q, v) if k == 1 else (q[part], v[part])
+        return rows
+
+    def drive(self, row: Row) -> None:
+        """Command the arms' servos with a row of `setpoints`."""
+        for name, (q, v) in row.items():
+            driven = self._driven[name]
+            arm, own = driven.arm, driven.own
+            arm.servo_jp(q[:own], v[:own])
+            if len(q) > own and arm.jaw is not None:
+                arm.jaw.servo_jp(q[own:], v[own:])
+
+    # ------------------------------------------------------------------ looking
+
+    def target(self, arm: str) -> Array:
+        """Return the set-point of a PSM's tip in the world, (4, 4)."""
+        return self._targets[arm].copy()
+
+    def farthest(self, arm: str, T: Array) -> float:
+        """Return the largest change of a joint from its set-point to a pose of the tip.
+
+        Args:
+            arm: a PSM
+            T: in the world, (4, 4)
+
+        Returns:
+            [rad or m]; infinite out of reach
+        """
+        near = self._joints[arm]
+        try:
+            return float(np.abs(self._inverse(self._driven[arm], T, near) - near[:-1]).max())
+        except (UnreachableError, SingularError):
+            return np.inf
+
+    def reaches(self, arm: str, T: Array) -> bool:
+        """Return whether a PSM's tip reaches a pose in the world from its set-points, (4, 4)."""
+        driven = self._driven[arm]
+        try:
+            self._inverse(driven, T, driven.arm.setpoints())
+        except (UnreachableError, SingularError):
+            return False
+        return True
+
+    def idle(self) -> dict[str, Array]:
+        """Return each arm's part of the action that holds it, {arm: (7,) or (4,)}."""
+        found: dict[str, Array] = {}
+        for name, driven in self._driven.items():
+            found[name] = np.zeros(driven.part.stop - driven.part.start)
+            if name in self._targets:
+                found[name][-1] = self._joints[name][-1]
+        return found
+
+    # ------------------------------------------------------------------ inside
+
+    def _next(self, name: str, driven: _Driven, values: Array) -> Array:
+        """Return an arm's set-points after an action, those before where it cannot go on."""
+        arm, before = driven.arm, self._joints[name]
+        if arm.type != "PSM":
+            return np.clip(before + values * PERIOD_S, arm.lower, arm.upper)
+        after, measured, reason = before.copy(), arm.positions(), ""
+        if values[:6].any():
+            reason = self._onward(name, driven, after, measured, values[:6])
+            self.stalled[name] += PERIOD_S if reason else 0.0
+        self.stalls[name] = reason
+        opening = float(values[6])
+        if opening < 0.0:
+            opening = max(opening, float(measured[-1]) - GRIP_RAD)
+        fastest = JAW_RAD_S * PERIOD_S
+        after[-1] = before[-1] + min(max(opening - before[-1], -fastest), fastest)
+        return after
+
+    def _onward(self, name: str, driven: _Driven, q: Array, measured: Array, twist: Array) -> str:
+        """Move a PSM's set-points on by a period, as fast as its joints may; return why they stay.
+
+        Args:
+            name, driven: of the PSM
+            q: its set-points, which are written, (n,)
+            measured: its joints, (n,)
+            twist: of the tip, (6,)
+        """
+        joints, reason = driven.arm.description.joints, ""
+        for _ in range(2):
+            goal = self._targets[name].copy()
+            goal[:3, 3] += twist[:3] * PERIOD_S
+            if twist[3:].any():
+                turn = matrix_from_rotation_vector(twist[3:] * PERIOD_S)
+                goal[:3, :3] = turn @ goal[:3, :3]
+            try:
+                after = self._inverse(driven, goal, q)
+            except (UnreachableError, SingularError) as problem:
+                return str(problem)
+            haste = np.abs(after - q[:-1]) / (driven.fastest * PERIOD_S)
+            if (worst := float(haste.max())) <= 1.0:
+                break
+            twist = twist * (SLOWED / worst)
+            reason = f"{joints[int(haste.argmax())].name} would move too fast"
+        else:
+            return reason
+        ahead = np.abs(after - measured[:-1])
+        if (beyond := ahead > LAG * driven.tolerances).any():
+            pushed = beyond & (ahead > np.abs(q[:-1] - measured[:-1]))
+            if pushed.any():
+                return f"{joints[int(pushed.argmax())].name} is held back"
+        self._targets[name], q[:-1] = goal, after
+        return ""
+
+    def _inverse(self, driven: _Driven, T: Array, near: Array) -> Array:
+        """Return the joint positions nearest to others, with the tip at a pose in the world."""
+        own = driven.T_arm_world
+        if own is None:
+            own = inverse(self.world.reference_pose(driven.arm.name))
+        return driven.arm.local_inverse_kinematics(own @ T, near[:-1])

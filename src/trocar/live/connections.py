@@ -20,7 +20,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Response
 from websockets.protocol import State
 
-from trocar.live.log_filter import LOG_PERIOD_S
+from trocar.live.pace import LOG_PERIOD_S
 from trocar.simulation.rate_limit import RateLimit, suffix
 
 _log = logging.getLogger("trocar")

@@ -9,10 +9,13 @@ from collections import deque
 from typing import Protocol
 
 from trocar.errors import InputError
-from trocar.live.log_filter import LOG_PERIOD_S
 from trocar.simulation.rate_limit import RateLimit, suffix
 
 _log = logging.getLogger("trocar")
+
+LOG_PERIOD_S = 60.0
+"""Wall time between two log lines of a kind that other programs or a slow machine cause [s].
+Source: our own choice; a line a second hid everything else in ten minutes of abuse."""
 
 GIVE_UP_S = 1.0
 """Lag beyond which lost time is let go [s]. Source: our own choice: longer than any hiccup of a

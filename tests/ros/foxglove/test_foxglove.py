@@ -156,18 +156,6 @@ def test_a_viewer_that_reads_nothing_does_not_hold_up_the_end(shown: Shown) -> N
         assert not end.is_alive()
 
 
-def test_of_many_connections_that_are_aborted_the_log_tells_once(
-    shown: Shown, caplog: pytest.LogCaptureFixture
-) -> None:
-    for _ in range(20):
-        with socket.create_connection(("127.0.0.1", shown.foxglove.port), timeout=10) as stranger:
-            stranger.sendall(b"no HTTP\r\n\r\n")
-            while stranger.recv(4096):
-                pass
-    until(lambda: "handshake failed" in caplog.text)
-    assert caplog.text.count("handshake failed") == 1
-
-
 def test_a_port_that_is_taken_is_told() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         served = Served(wanted=())

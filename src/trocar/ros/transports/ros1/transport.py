@@ -30,7 +30,6 @@ from trocar.messages import (
     ros1_encode,
     service_type,
 )
-from trocar.ros.queues import ReorderBuffer
 from trocar.ros.transports.ros1.master import MasterError, find_master, settle_address
 from trocar.ros.transports.ros1.parameters import ServerParameters
 
@@ -195,7 +194,6 @@ class Ros1Transport:
         self._publishers: dict[str, Any] = {}
         self._subscribers = Subscribers()
         self._over = threading.Event()
-        self._sorter = ReorderBuffer()
         self._watcher: threading.Thread | None = None
         self._complained: set[str] = set()
 
@@ -214,7 +212,6 @@ class Ros1Transport:
         self._master = find_master()
         address = settle_address(self._master)
         self._ros.join(self.node)
-        self._sorter.start()
         for topic in core.topics.values():
             if not topic.later:
                 register = self._advertise if topic.direction == "pub" else self._listen
@@ -234,7 +231,6 @@ class Ros1Transport:
         if self._watcher is None:
             return
         self._over.set()
-        self._sorter.close()
         farewell = threading.Thread(target=self._part, name="trocar-ros1-farewell", daemon=True)
         farewell.start()
         farewell.join(FAREWELL_S)
@@ -302,8 +298,7 @@ class Ros1Transport:
             peer = str(getattr(message, "_connection_header", {}).get("callerid", ""))
             fields = core.decoded(topic, message.data, ros1_decode, peer)
             if fields is not None:
-                stamp = fields["header"]["stamp"] if "header" in fields else None
-                self._sorter.take(core, topic, fields, peer, stamp)
+                core.receive(topic.name, fields, peer)
 
         self._ros.rospy.Subscriber(
             f"/{topic.name}",

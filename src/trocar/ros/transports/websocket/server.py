@@ -29,7 +29,7 @@ from websockets.protocol import State
 from trocar.errors import InputError, TrocarError
 from trocar.live.access import PageAccess, is_loopback, names_loopback
 from trocar.live.connections import Connection, Connections
-from trocar.live.log_filter import LOG_PERIOD_S
+from trocar.live.pace import LOG_PERIOD_S
 from trocar.messages import MessageError, MessageType, from_json, service_type, to_json
 from trocar.ros.topic import Direction, Service, Topic
 from trocar.ros.transports.websocket import protocol

@@ -6,10 +6,11 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TypeVar
 
-from trocar.descriptions import load_rig
+from trocar.descriptions import load_rig, sensors
+from trocar.descriptions.sensor_records import SensorDescription
 from trocar.ros.core import service_table, topic_table
 from trocar.ros.images import camera_topics
-from trocar.ros.scene import SENSORS
+from trocar.ros.scene import sensor_row
 from trocar.ros.topic import Service, Topic
 
 Row = TypeVar("Row", Topic, Service)
@@ -46,7 +47,7 @@ def page() -> str:
             t for t in scene if t.name.count("/") == 1 or t.name.startswith(("scene/ring1", "P"))
         ),
         "## Sensors",
-        _table(("kind", "type", "unit"), ((k, r.type, r.unit, r.help) for k, r in SENSORS.items())),
+        _table(("kind", "type", "unit"), map(_sensor, sensors.KINDS.values())),
         "## Images",
         _others(t for t, of in camera_topics(rig, overlaid=True) if of.eye != "right"),
         "## Services",
@@ -59,6 +60,11 @@ def page() -> str:
         ),
     ]
     return "\n\n".join(parts) + "\n"
+
+
+def _sensor(kind: type[SensorDescription]) -> tuple[str, str, str, str]:
+    row = sensor_row(kind)
+    return kind.kind, row.type, row.unit, row.help
 
 
 def _arms(who: str, topics: Iterable[Topic], kind_of: Mapping[str, str]) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions.records import RigDescription
-from trocar.descriptions.sensor_records import SensorDescription
+from trocar.descriptions.sensor_records import SensorDescription, SensorReading
 from trocar.descriptions.sensors import (
     ContactsReading,
     EffortReading,
@@ -109,10 +109,9 @@ def scene_topics(rig: RigDescription) -> list[Topic]:
         for arm in rig.arms:
             rows += _grasp_rows(arm.name) if arm.arm.fingers else []
     for sensor in rig.sensors:
-        row = SENSORS[sensor.kind]
-        rows.append(
-            state(sensor_topic(sensor.name), row.type, row.unit, row.help, _reading_of(sensor, row))
-        )
+        row = sensor_row(type(sensor))
+        make = _reading_of(sensor, row)
+        rows.append(state(sensor_topic(sensor.name), row.type, row.unit, row.help, make))
     return rows
 
 
@@ -327,7 +326,28 @@ def _twist(reading: TwistReading, _: object, stamp: Stamp) -> Message:
     return build.twist_stamped(stamp, reading.frame_id, both)
 
 
-#: {kind: how it is published}; one for each kind of `trocar.descriptions.sensors`.
+def _numbers(reading: SensorReading, _: object, stamp: Stamp) -> Message:
+    """Return a JointState with every number of a reading: "speed", "force[0]", ..."""
+    names: list[str] = []
+    numbers: list[float] = []
+    for value in reading.units:
+        array = np.asarray(getattr(reading, value), dtype=np.float64)
+        places = [list(at) for at in np.ndindex(array.shape)] if array.ndim else [""]
+        names += [f"{value}{at}" for at in places]
+        numbers += array.ravel().tolist()
+    message = build.joints(stamp, names, np.array(numbers), NOTHING, NOTHING)
+    return message | {"header": build.header(stamp, reading.frame_id)}
+
+
+def sensor_row(kind: type[SensorDescription]) -> SensorRow:
+    """Return how sensors of a kind are published: as in SENSORS, else every number by its name."""
+    units = ", ".join(dict.fromkeys(unit for _, unit in kind.values.values()))
+    text = (kind.__doc__ or kind.kind).partition("\n")[0].rstrip(".")
+    other = SensorRow(JOINTS, units, f"position: {text[:1].lower()}{text[1:]}", _numbers)
+    return SENSORS.get(kind.kind, other)
+
+
+#: {kind: its messages}, of kinds for which ROS has a type of its own.
 SENSORS = {
     "joint_effort": SensorRow(JOINTS, "N m, N", "effort of a motor", _effort),
     "tip_wrench": SensorRow(WRENCH, FORCE, "external load on an instrument", _wrench),

@@ -11,7 +11,7 @@ from typing import Literal
 from trocar.errors import UnknownNameError
 from trocar.live.state import Elapsed
 from trocar.messages.types import SECOND
-from trocar.ros.fields import RefusedError, shown
+from trocar.ros.message_fields import RefusedError, shown
 
 #: (seconds, nanoseconds), as messages carry times.
 Stamp = tuple[int, int]

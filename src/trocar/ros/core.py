@@ -31,7 +31,7 @@ from trocar.live.loop import Loop
 from trocar.ros import console, images, tf
 from trocar.ros.arm_topics import arm_topics
 from trocar.ros.clock import FIRST_NS, Mode, StampCheck, Stamper
-from trocar.ros.fields import RefusedError, stamp
+from trocar.ros.message_fields import RefusedError, stamp
 from trocar.ros.publishing import Publishing
 from trocar.ros.robot_model import robot_model
 from trocar.ros.sample import Sample

@@ -28,8 +28,8 @@ from trocar.errors import InputError
 from trocar.live.images import SLACK_S, ImageRenderer, Order, Packer, Pictures, Shot
 from trocar.messages import cdr_encode, message_type
 from trocar.recording import Extra, recorder_of
-from trocar.ros.build import header
 from trocar.ros.clock import SECOND, Beat, Stamp
+from trocar.ros.message_builders import header
 from trocar.ros.sample import Sample
 from trocar.ros.sampler import Sampler
 from trocar.ros.tf import EYES, eyes_of, frame_name

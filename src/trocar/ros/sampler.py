@@ -13,7 +13,7 @@ from trocar.live.inbox import Command
 from trocar.live.loop import Loop
 from trocar.live.state import Elapsed
 from trocar.ros.clock import Beat, Stamper
-from trocar.ros.sample import Event, Sample, look
+from trocar.ros.sample import Event, Sample, scene_sample
 from trocar.simulation.journal import Entry
 from trocar.simulation.records import ArmSample, WorldSample
 
@@ -171,7 +171,7 @@ class Sampler:
         """Copy the world; arms for which commands wait are busy."""
         world = self._loop.world
         events = tuple(self._drained())
-        stamp, scene, seen = self._stamper.stamp(), look(world, self.wanted), world.sample()
+        stamp, scene, seen = self._stamper.stamp(), scene_sample(world, self.wanted), world.sample()
         if self._held:
             seen = replace(seen, arms={**seen.arms, **self._waiting(seen)})
         return Sample(stamp, passed, seen, events, scene, due_s=due_s)

@@ -26,11 +26,11 @@ from trocar.descriptions.sensors import (
 )
 from trocar.geometry.rotations import matrix_from_quaternion
 from trocar.live.inbox import Command
-from trocar.ros import build
-from trocar.ros.build import Message
+from trocar.ros import message_builders as build
 from trocar.ros.clock import Stamp
-from trocar.ros.fields import RefusedError, field, joints, pose, shown, text, wrench
-from trocar.ros.sample import CONTACTS, Figures, sensor_topic
+from trocar.ros.message_builders import Message
+from trocar.ros.message_fields import RefusedError, field, joints, pose, shown, text, wrench
+from trocar.ros.sample import CONTACTS, SampleReadings, sensor_topic
 from trocar.ros.topic import (
     BOOL,
     EMPTY,
@@ -119,8 +119,8 @@ def _grasp_rows(arm: str) -> list[Topic]:
     """Return the rows of what an arm's jaw has between its pads."""
 
     def make(key: str, of: Callable[[Grasp], str | float]) -> Topic:
-        def message(figures: Figures, stamp: Stamp) -> Message | None:  # noqa: ARG001
-            found = figures.sample.scene.grasps.get(arm)
+        def message(readings: SampleReadings, stamp: Stamp) -> Message | None:  # noqa: ARG001
+            found = readings.sample.scene.grasps.get(arm)
             return None if found is None else {"data": of(found)}
 
         kind, unit, text = GRASP[key]
@@ -175,8 +175,8 @@ def _put(name: str, message: Mapping[str, Any], _: object) -> Command:
 
 
 def _place_of(index: int) -> Make:
-    def make(figures: Figures, stamp: Stamp) -> Message | None:
-        seen = figures.sample.scene.objects
+    def make(readings: SampleReadings, stamp: Stamp) -> Message | None:
+        seen = readings.sample.scene.objects
         if seen is None:
             return None
         w, x, y, z = seen.quaternions[index].tolist()
@@ -188,8 +188,8 @@ def _place_of(index: int) -> Make:
 
 
 def _speed_of(index: int) -> Make:
-    def make(figures: Figures, stamp: Stamp) -> Message | None:
-        seen = figures.sample.scene.objects
+    def make(readings: SampleReadings, stamp: Stamp) -> Message | None:
+        seen = readings.sample.scene.objects
         if seen is None:
             return None
         turn = matrix_from_quaternion(seen.quaternions[index])
@@ -200,8 +200,8 @@ def _speed_of(index: int) -> Make:
 
 
 def _joint_of(index: int, name: str) -> Make:
-    def make(figures: Figures, stamp: Stamp) -> Message | None:
-        seen = figures.sample.scene.objects
+    def make(readings: SampleReadings, stamp: Stamp) -> Message | None:
+        seen = readings.sample.scene.objects
         if seen is None:
             return None
         q, qd = seen.joint[index]
@@ -210,12 +210,12 @@ def _joint_of(index: int, name: str) -> Make:
     return make
 
 
-def _time(figures: Figures, stamp: Stamp) -> Message:  # noqa: ARG001  as every make
-    return {"data": figures.sample.world.time}
+def _time(readings: SampleReadings, stamp: Stamp) -> Message:  # noqa: ARG001  as every make
+    return {"data": readings.sample.world.time}
 
 
-def _contacts(figures: Figures, stamp: Stamp) -> Message | None:
-    table = figures.sample.scene.contacts
+def _contacts(readings: SampleReadings, stamp: Stamp) -> Message | None:
+    table = readings.sample.scene.contacts
     if table is None:
         return None
     rows = zip(table.bodies, table.points, table.normals, table.forces, table.depths, strict=True)
@@ -267,9 +267,9 @@ def _reading_of(sensor: SensorDescription, row: SensorRow) -> Make:
     """Return what makes a sensor's message; one with a rate publishes each of its samples once."""
     published = -1.0
 
-    def make(figures: Figures, stamp: Stamp) -> Message | None:
+    def make(readings: SampleReadings, stamp: Stamp) -> Message | None:
         nonlocal published
-        reading = figures.sample.scene.readings.get(sensor.name)
+        reading = readings.sample.scene.readings.get(sensor.name)
         if reading is None or (sensor.rate and reading.time == published):
             return None
         published = reading.time

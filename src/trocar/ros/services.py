@@ -19,9 +19,9 @@ from trocar.kinematics.coupling import Coupling, joint_from_actuator
 from trocar.kinematics.links import link_pose
 from trocar.live.loop import Loop
 from trocar.messages import ServiceType, blank, cdr_decode, cdr_encode
-from trocar.ros import build
+from trocar.ros import message_builders as build
 from trocar.ros.clock import Stamper
-from trocar.ros.fields import Message, pose, vector
+from trocar.ros.message_fields import Message, pose, vector
 from trocar.ros.topic import Service
 
 if TYPE_CHECKING:

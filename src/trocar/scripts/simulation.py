@@ -20,7 +20,7 @@ from trocar.live.loop import SERVER_TICK_S, Loop
 from trocar.live.pace import nearest_tick
 from trocar.ros.clock import SECOND, Beat
 from trocar.ros.core import Batch, Component, Core
-from trocar.ros.sample import Figures, Sample
+from trocar.ros.sample import Sample, SampleReadings
 from trocar.ros.topic import Topic
 from trocar.scripts.messages import Message, fields_of, message_of
 from trocar.scripts.virtual_time import Scheduler
@@ -237,7 +237,7 @@ class Stepped:
         self._beat = Beat(self.core.rate_hz)
         self._calls: deque[Callable[[], None]] = deque()
         self._reader = Reader(world.model)
-        self._seen: Figures | None = None
+        self._seen: SampleReadings | None = None
         self._limit_s, self.steps = limit_s, 0
         self._tick_ns = round(tick_s * SECOND)
         self.scheduler = Scheduler(self._clock_ns, self._step, self._tick_ns)
@@ -281,7 +281,7 @@ class Stepped:
             if self._reader.model is not self.world.model:  # a tool was exchanged
                 self._reader = Reader(self.world.model)
             sample = Sample(self.core.stamper.now(), self.simulated_s, self.world.sample())
-            self._seen = Figures(sample, self._reader.read(sample.world))
+            self._seen = SampleReadings(sample, self._reader.read(sample.world))
         return topic.make(self._seen, self._seen.sample.stamp)
 
     def fail(self, failure: BaseException) -> None:

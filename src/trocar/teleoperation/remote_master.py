@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from trocar.geometry.rotations import angle_between
 from trocar.geometry.se3 import transform
-from trocar.ros import Component, Core, build
-from trocar.ros.fields import Message, flag, joints, pose, text
+from trocar.ros import Component, Core
+from trocar.ros import message_builders as build
+from trocar.ros.message_fields import Message, flag, joints, pose, text
 from trocar.ros.topic import (
     BOOL,
     COMMAND,

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trocar.live.inbox import Command
-from trocar.ros import Component, build
+from trocar.ros import Component
+from trocar.ros import message_builders as build
 from trocar.ros.console import BUTTONS, teleop_topics
-from trocar.ros.fields import Message, RefusedError, button, flag, number, text, vector
+from trocar.ros.message_fields import Message, RefusedError, button, flag, number, text, vector
 from trocar.ros.topic import JOY, STRING, Make, Read, command, served
 from trocar.teleoperation.component import COMMANDS, TeleopComponent
 from trocar.teleoperation.devices import DeviceCommand, from_keys, from_pad
@@ -21,7 +22,7 @@ from trocar.teleoperation.psm import PsmTeleoperation
 if TYPE_CHECKING:
     from trocar.ros import Core
     from trocar.ros.clock import Stamp
-    from trocar.ros.sample import Figures
+    from trocar.ros.sample import SampleReadings
 
 #: Published as a button. Source: SAW system_ROS.cpp declares these as Joy.
 JOYS = ("rotation_locked", "translation_locked")
@@ -206,7 +207,7 @@ def _state(one: TeleopComponent) -> Mapping[str, object]:
     return found
 
 
-def _offset(one: PsmTeleoperation, rig: Figures, stamp: Stamp) -> dict[str, Any]:  # noqa: ARG001
+def _offset(one: PsmTeleoperation, rig: SampleReadings, stamp: Stamp) -> dict[str, Any]:  # noqa: ARG001
     """Return a geometry_msgs/QuaternionStamped of the rotation from handle to tip."""
     T = np.eye(4)
     T[:3, :3] = one.offset

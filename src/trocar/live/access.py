@@ -1,4 +1,4 @@
-"""Who may connect to the sockets of one run: web pages and programs.
+"""Access of web pages and programs to the sockets of one run.
 
 A browser lets every page open a WebSocket to 127.0.0.1. It sends the page's scheme, host and port
 in the header `Origin`, which scripts cannot change; programs that are not browsers send none.
@@ -65,7 +65,7 @@ class PageAccess:
     def objection(
         self, path: str, headers: Mapping[str, str], viewer: Collection[str]
     ) -> tuple[HTTPStatus, str] | None:
-        """Return why a request to open a WebSocket is refused, or None.
+        """Check a request to open a WebSocket; return status and reason of a rejection, or None.
 
         Args:
             path: what is requested, with its query; `?token=...` shows the token

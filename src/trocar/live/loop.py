@@ -291,7 +291,7 @@ class Loop:
             watcher.ticked(self._elapsed())
 
     def quiet_ticks(self) -> int:
-        """Return how many ticks may be due at once before somebody wants to look."""
+        """Return the number of ticks that may be stepped together before a watcher is due."""
         return self._patience(None)
 
     def _step(self, ticks: int) -> None:
@@ -300,7 +300,7 @@ class Loop:
             self._ticks += ticks
 
     def _patience(self, last: int | None) -> int:
-        """Return how many ticks may follow each other without a look at the inbox."""
+        """Return the number of ticks that may be stepped together without reading the inbox."""
         most = 1 if self._posted.is_set() or self._inbox.restless else self._longest
         ends = most if last is None else last - self._ticks
         return min(most, ends, *(w.patience() for w in self._watchers))

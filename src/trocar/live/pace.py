@@ -116,7 +116,7 @@ class Pace:
         self._ticks = 0
 
     def wait(self, most: int = 1, until: threading.Event | None = None) -> int:
-        """Return how many ticks are due: once `most` are, and at once when several are late.
+        """Wait until `most` ticks are due, not at all if several are late; return their number.
 
         Args:
             most: how many to wait for, and the most that are returned
@@ -143,7 +143,7 @@ class Pace:
         return self._start + (self._ticks + ahead) * self._period
 
     def _due(self) -> int:
-        """Return how many ticks are due now; let go of time that is too far behind."""
+        """Count the ticks that are due now; skip a lag beyond GIVE_UP_S."""
         lag = self._clock.now() - self._due_s(0)
         if lag > GIVE_UP_S:
             self.let_go_s += lag

@@ -17,24 +17,24 @@ SNAPSHOT_PERIOD_S = 1 / 60
 """Wall time between two published snapshots [s]. Source: our own choice, a monitor's rate."""
 
 LOOKED_AT_S = 0.25
-"""Somebody looks while the last look was no longer ago [s]. Source: our own choice, several times
-the period at which a page looks."""
+"""Time after the last read until which snapshots are made [s]. Source: our own choice, several
+times the period at which the web viewer reads."""
 
 FRESH_S = 0.1
-"""Who looks again after a while waits no longer for a new state than this [s]. Source: our own
-choice, longer than what a loop does in a tick."""
+"""Longest wait of a reader for a new state after a pause [s]. Source: our own choice, longer than
+a tick takes."""
 
 HEALTH_PERIOD_S = 1.0
-"""Wall time between two looks at the health of one arm [s]; arms take turns, since a look takes as
-long as a tick or two. Source: our own choice: people read it."""
+"""Wall time between two health checks of one arm [s]; arms take turns, since a check takes as long
+as a tick or two. Source: our own choice: people read it."""
 
 PATIENT = 1000
-"""Ticks until the next look of a watcher for whom none matters now. Source: our own choice."""
+"""Ticks until the next call of an idle watcher. Source: our own choice."""
 
 
 @dataclass(frozen=True)
 class LoopState:
-    """What the loop shows to its readers, replaced as a whole.
+    """The published state of a loop, replaced as a whole.
 
     Args:
         ticks: ticks since the loop began (a reset does not set them back)
@@ -55,7 +55,7 @@ class LoopState:
 
 @dataclass(frozen=True)
 class Elapsed:
-    """How time has passed in a loop since it began.
+    """Simulated and skipped time of a loop since it began.
 
     Args:
         simulated_s: simulated time, which a reset does not set back [s]

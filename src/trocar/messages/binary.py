@@ -155,7 +155,7 @@ class Wire:
 
     @property
     def origin(self) -> int:
-        """Where the first value stands."""
+        """Offset of the first value."""
         return len(self.prefix)
 
     def struct(self, codes: str, phase: int) -> Struct:

@@ -58,7 +58,7 @@ _writers: dict[tuple[str | MessageType, bool], Writer] = {}
 
 
 def to_json(kind: str | MessageType, message: Message, *, arrays: bool = False) -> dict[str, Any]:
-    """What `json.dumps` takes for a message.
+    """Convert a message to plain values for `json.dumps`.
 
     Args:
         kind: its type
@@ -208,7 +208,7 @@ def _default(field: Field) -> Any:
 
 @cache
 def _plain(kind: MessageType) -> Plain:
-    """Return what makes the dict in memory of a checked message."""
+    """Return the function that makes the dict in memory of a checked message."""
     own = [field for field in kind.fields if not field.only_ros1]
     names = [field.name for field in own]
     if not names:

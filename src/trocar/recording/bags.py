@@ -130,7 +130,7 @@ def _kind(file: Path) -> str | None:
 
 
 def _files(where: Path, file: str) -> list[Path]:
-    """Return what to read: a file, a rosbag 2's folder, or the files of one without metadata."""
+    """Return the paths to read: a file, a rosbag 2's folder, or its files without metadata."""
     if where.is_file():
         if _kind(where) is None:
             raise LogError(file, f"is not a bag; allowed: {FORMATS}")

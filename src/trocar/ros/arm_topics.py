@@ -76,7 +76,7 @@ NO_TOOL = ("", "none", "NONE")
 
 
 def _joints(prefix: str, part: str = "own") -> Callable[[ArmReadout, Stamp], Any]:
-    """Return what makes a JointState: prefix "" for measured, "setpoint_" for set-points."""
+    """Return the maker of a JointState: prefix "" for measured, "setpoint_" for set-points."""
     q, qd, effort = f"{prefix}q", f"{prefix}qd", f"{prefix}effort"
 
     def make(arm: ArmReadout, stamp: Stamp) -> Any:

@@ -113,7 +113,7 @@ class Beat:
         return True
 
     def since(self, elapsed_s: float) -> float:
-        """Return how long ago the last one was due [s]."""
+        """Return the time since the last one was due [s]."""
         return elapsed_s - self._count / self._rate
 
     def left(self, elapsed_s: float) -> float:
@@ -129,7 +129,7 @@ class StampCheck:
         self._newest: OrderedDict[tuple[str, str], tuple[Stamp, float]] = OrderedDict()
 
     def __len__(self) -> int:
-        """Return how many streams are remembered."""
+        """Count the streams that are remembered."""
         return len(self._newest)
 
     def check(self, stream: tuple[str, str], sent: Stamp, now_s: float) -> None:

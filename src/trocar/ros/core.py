@@ -368,7 +368,7 @@ class Core:
 
     @property
     def skipped(self) -> int:
-        """How many samples were left out because publishing could not keep up."""
+        """Number of samples that were left out because publishing could not keep up."""
         return self._sampler.skipped
 
     # ------------------------------------------------------------------ inside
@@ -411,7 +411,7 @@ class Core:
             self._send(batches)
 
     def _made(self, sample: Sample) -> list[tuple[Transport, Batch]]:
-        """Return what each transport is to send of a sample."""
+        """Make the messages of a sample for each transport."""
         wanted = self._wanted()
         every = self._sampler.wanted = frozenset[str]().union(*(names for _, names in wanted))
         if DESCRIPTION in every and self._thread is not None and self._described is not sample.rig:
@@ -428,7 +428,7 @@ class Core:
                 self._hand(transport, batch)
 
     def _wanted(self) -> list[tuple[Transport, frozenset[str]]]:
-        """Return what each running transport wants."""
+        """Return each running transport with the topics that have subscribers."""
         found: list[tuple[Transport, frozenset[str]]] = []
         for transport in self._running:
             try:
@@ -503,7 +503,7 @@ def service_table(rig: RigDescription) -> tuple[Service, ...]:
 
 
 def _both(first: Read | None, then: Read) -> Read:
-    """Return what reads a message twice: into the commands of both."""
+    """Return a reader whose commands are those of two readers."""
 
     def read(message: Mapping[str, Any], arm: Any) -> list[Command]:
         found: list[Command] = []

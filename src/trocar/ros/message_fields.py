@@ -205,7 +205,7 @@ def wrench(message: object, path: str) -> Array:
 
 
 def button(message: object) -> int:
-    """Return what the first button of a Joy does: 0 released, 1 pressed, 2 tapped.
+    """Return the first button of a Joy: 0 released, 1 pressed, 2 tapped.
 
     Raises:
         RefusedError: there is none, or it does something else

@@ -59,7 +59,7 @@ class Publishing:
         self.latched: dict[str, Message] = {}
 
     def states(self, sample: Sample, wanted: Iterable[frozenset[str]]) -> list[Out]:
-        """Return what is published every period: for each transport, of the topics it wants."""
+        """Make the messages of a period: for each transport, those of its subscribed topics."""
         wanted = list(wanted)
         every = frozenset[str]().union(*wanted)
         fresh, self._before = every - self._before, every
@@ -96,7 +96,7 @@ class Publishing:
         return message
 
     def events(self, sample: Sample) -> Out:
-        """Return what happened since the last sample, with the latched topics that follow."""
+        """Make the messages of events since the last sample, and of latched topics that changed."""
         out: Out = []
         for event in sample.events:
             self._add(out, event, sample.stamp)

@@ -116,7 +116,7 @@ def fixed_frames(rig: RigDescription) -> dict[str, Array]:
 
 @dataclass(frozen=True, eq=False)
 class Hinges:
-    """How the hinges of an arm that move on their own follow its joints: ratio @ q + offset."""
+    """Map from joints of an arm to its hinges with a motion of their own: ratio @ q + offset."""
 
     names: tuple[str, ...]
     ratio: Array

@@ -55,7 +55,7 @@ def desired_state(entry: Entry) -> str | None:
 
 
 def behind_s(rate_hz: float, tick_s: float) -> float | None:
-    """Return how long after they are due by their rate samples' messages go out [s]; None: at once.
+    """Return the delay of messages after their samples are due by the rate [s]; None: no delay.
 
     A sample shows the first tick from then on. Sent a fixed time later, and not as soon as it is
     ready, it comes as evenly as its rate, not as ticks and threads happen to come.
@@ -126,7 +126,7 @@ class Sampler:
 
     @property
     def events_waiting(self) -> int:
-        """How many events wait for the next sample."""
+        """Number of events that wait for the next sample."""
         return len(self._events)
 
     def ticked(self, elapsed: Elapsed) -> None:
@@ -153,7 +153,7 @@ class Sampler:
         self._samples.put(self.look(self._sample(passed, due_s)))
 
     def patience(self) -> int:
-        """Return how many ticks may follow each other at once.
+        """Return the number of ticks that may be stepped together.
 
         They end with the sample that is due next, or a tick before it where a subscriber waits for
         it: those before would delay it.

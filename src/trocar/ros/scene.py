@@ -248,7 +248,7 @@ def contact(
 
 @dataclass(frozen=True)
 class SensorRow:
-    """How sensors of a kind are published.
+    """The messages of a kind of sensors.
 
     Attributes:
         type: of the message
@@ -264,7 +264,7 @@ class SensorRow:
 
 
 def _reading_of(sensor: SensorDescription, row: SensorRow) -> Make:
-    """Return what makes a sensor's message; one with a rate publishes each of its samples once."""
+    """Return the maker of a sensor's messages; with a rate, each sample is published once."""
     published = -1.0
 
     def make(readings: SampleReadings, stamp: Stamp) -> Message | None:
@@ -340,7 +340,7 @@ def _numbers(reading: SensorReading, _: object, stamp: Stamp) -> Message:
 
 
 def sensor_row(kind: type[SensorDescription]) -> SensorRow:
-    """Return how sensors of a kind are published: as in SENSORS, else every number by its name."""
+    """Return the messages of a kind of sensors: as in SENSORS, else every number by its name."""
     units = ", ".join(dict.fromkeys(unit for _, unit in kind.values.values()))
     text = (kind.__doc__ or kind.kind).partition("\n")[0].rstrip(".")
     other = SensorRow(JOINTS, units, f"position: {text[:1].lower()}{text[1:]}", _numbers)

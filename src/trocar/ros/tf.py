@@ -121,7 +121,7 @@ def clock(readings: SampleReadings, stamp: Stamp) -> Message:  # noqa: ARG001  a
 
 
 def viewer_topics() -> tuple[Topic, ...]:
-    """Return what viewers of ROS subscribe to; the clock is made only where time is simulated."""
+    """Return the topics of ROS viewers; `clock` has a maker only where time is simulated."""
     says = "simulated time, with --clock sim"
     return (
         state("tf", TF, "m, quaternion xyzw", "every frame in its parent", _tf, "tf"),

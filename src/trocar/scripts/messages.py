@@ -82,7 +82,7 @@ class Ticks:
         return self.nanoseconds == 0
 
     def _kind(self) -> type[Ticks]:
-        """Return what it can be compared with."""
+        """Return the key of comparisons."""
         return Duration if isinstance(self, Duration) else Time
 
     def __bool__(self) -> bool:
@@ -172,7 +172,7 @@ class Rate:
         self._last = now_ns()
 
     def remaining(self) -> Duration:
-        """Return how long it is until the next turn is due."""
+        """Return the time until the next turn is due."""
         return Duration.of(self._period - (self._now() - self._last))
 
     def sleep(self) -> None:

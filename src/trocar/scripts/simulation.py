@@ -273,7 +273,7 @@ class Stepped:
         return seconds * SECOND + rest
 
     def peek(self, name: str) -> dict[str, Any] | None:
-        """Return what a topic of an arm that is published every period would send now."""
+        """Return the message that a periodic topic of an arm would have now."""
         topic = self.core.topics[name]
         if topic.make is None or not topic.arm:
             return None
@@ -309,7 +309,7 @@ class Stepped:
                 complain()
 
     def _ticks(self, most_ns: int | None) -> int:
-        """Return how many ticks may pass at once: commands that wait act in the first."""
+        """Return the number of ticks to step together: waiting commands act in the first."""
         if self.bus.posted:
             self.bus.posted = False
             return 1

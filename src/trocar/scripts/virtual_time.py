@@ -133,7 +133,7 @@ class Scheduler:
         return threading.get_ident() == self._main
 
     def _most(self, *more: Waiter) -> int | None:
-        """Return how much time may pass until somebody gives up waiting [ns]."""
+        """Return the time until the first wait times out [ns]."""
         ends = [w.until_ns for w in (*self._waiting, *more) if w.until_ns is not None]
         return min(ends) - self.now_ns() if ends else None
 

@@ -72,7 +72,7 @@ class DeviceCommand:
 
     @property
     def opening(self) -> float:
-        """How fast the gripper opens [rad/s]."""
+        """Opening speed of the gripper [rad/s]."""
         return self.pace * GRIP * self.grip
 
 

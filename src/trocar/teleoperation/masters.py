@@ -92,14 +92,14 @@ class Master:
     exerts = False
 
     def objection(self, world: World) -> str:  # noqa: ARG002
-        """Return why it cannot be used, "" when it can."""
+        """Return the reason that it cannot be used, "" when it can."""
         return ""
 
     def prepare(self, world: World) -> None:
         """Ask it to become usable; that may take a while."""
 
     def read(self, world: World) -> MasterReading:
-        """Return where it is.
+        """Return its pose.
 
         Raises:
             MasterLostError: it reports nothing any longer
@@ -130,7 +130,7 @@ class Master:
 
 
 def arm_objection(arm: Arm) -> str:
-    """Return why an arm cannot be used, "" when it can."""
+    """Return the reason that an arm cannot be used, "" when it can."""
     state = arm.operating_state()
     if state.state != "ENABLED":
         return f'{arm.name} is not in state "ENABLED" but "{state.state}"'
@@ -167,7 +167,7 @@ class ArmMaster(Master):
         self._nudged = 0.0
 
     def objection(self, world: World) -> str:
-        """Return why the arm cannot be used, "" when it can."""
+        """Return the reason that the arm cannot be used, "" when it can."""
         return arm_objection(world.arm(self.name))
 
     def prepare(self, world: World) -> None:
@@ -176,7 +176,7 @@ class ArmMaster(Master):
         prepare_arm(world.arm(self.name))
 
     def read(self, world: World) -> MasterReading:
-        """Return where the handle is measured, and its gripper."""
+        """Return the measured pose of the handle, and its gripper."""
         arm = world.arm(self.name)
         if self._base is None:
             self._base = arm.base_frame()[0]
@@ -281,7 +281,7 @@ class VirtualMaster(Master):
         self.drive, self._received = STILL, None
 
     def objection(self, world: World) -> str:  # noqa: ARG002
-        """Return why it cannot be used: the device sends nothing."""
+        """Return the reason that it cannot be used: the device sends nothing."""
         return "" if self.alive else f"{self.name} sends nothing"
 
     def prepare(self, world: World) -> None:
@@ -336,7 +336,7 @@ class HandOf(Master):
         self._offset = np.array([APART if left else -APART, 0.0, 0.0])
 
     def objection(self, world: World) -> str:
-        """Return why the master cannot be used."""
+        """Return the reason that the master cannot be used."""
         return self._master.objection(world)
 
     def prepare(self, world: World) -> None:
@@ -345,7 +345,7 @@ class HandOf(Master):
         self._master.align(world, np.eye(3))
 
     def read(self, world: World) -> MasterReading:
-        """Return where the hand is.
+        """Return the hand's pose.
 
         Raises:
             MasterLostError: as the master does

@@ -99,7 +99,7 @@ class RemoteMaster(Master):
         self._state = state, homed
 
     def objection(self, world: World) -> str:  # noqa: ARG002
-        """Return why it cannot be used."""
+        """Return the reason that the master cannot be used, "" when it can."""
         if self._T is None:
             return f"{self.name} publishes nothing"
         state, homed = self._state
@@ -161,7 +161,7 @@ class RemoteMaster(Master):
 
 
 def component_of(master: RemoteMaster, engine: Teleoperation) -> Component:
-    """Return what a core serves of a master that is no arm of the rig.
+    """Return the topics of a master that is no arm of the rig.
 
     Args:
         master: the master
@@ -223,7 +223,7 @@ def engine_and_components(
 
 
 def components(loop: Loop, fixtures: Fixtures | None = None) -> tuple[Component, ...]:
-    """Return what a core serves of the teleoperation of a loop's rig: nothing where it has none."""
+    """Return the teleoperation topics of a loop's rig, () where it has no teleoperation."""
     if loop.world.rig.teleops:
         return engine_and_components(loop, fixtures)[1]
     if fixtures is not None:

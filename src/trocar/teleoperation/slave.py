@@ -126,7 +126,7 @@ class Slave:
         return arm.inverse_kinematics(arm.base_frame()[0] @ goal, self._commanded)
 
     def _objection(self, q: Array, goal: Array) -> str:
-        """Return why joint positions must not be commanded, "" when they may."""
+        """Return the reason that joint positions must not be commanded, "" when they may."""
         if q[INSERTION] < self._least_insertion:
             return (
                 f"the wrist would come nearer than {1e3 * SAFE_DEPTH_M:.0f} mm to the remote centre"
@@ -190,7 +190,7 @@ class HandleMover:
 
 
 def _part(way: Array, fastest: float, period_s: float) -> Array:
-    """Return how much of a way is made in a period: softly at its end, not faster than allowed."""
+    """Return the part of a way for one period: softly at its end, not faster than allowed."""
     length = float(np.linalg.norm(way))
     if length == 0.0:
         return way

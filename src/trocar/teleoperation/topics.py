@@ -47,7 +47,7 @@ def reading(
     act: Callable[[Any], object],
     stream: str = "",
 ) -> Read:
-    """Return what reads a message at once, and acts in the loop's thread.
+    """Return a reader that checks a message at once and acts in the loop's thread.
 
     Args:
         engine: makes the command
@@ -64,7 +64,7 @@ def reading(
 
 
 def pedal_component(engine: Teleoperation) -> Component:
-    """Return what a core serves of pedals: topics that emulate them also act."""
+    """Return the topics of pedals: those that emulate them also act."""
 
     def press(name: str, on: bool) -> None:
         engine.pedals.note(name, on)
@@ -85,7 +85,7 @@ def pedal_component(engine: Teleoperation) -> Component:
 
 
 def component(engine: Teleoperation) -> Component:
-    """Return what a core serves of teleoperation: requests, states, pedals, and its ticks."""
+    """Return the topics of teleoperation, with its pedals and its ticks."""
     pedals = pedal_component(engine)
     cores: list[Core] = []
 
@@ -140,7 +140,7 @@ def component(engine: Teleoperation) -> Component:
 def input_component(
     engine: Teleoperation, name: str, receive: Callable[[DeviceCommand | None], object]
 ) -> Component:
-    """Return what a core serves of keys and sticks.
+    """Return the topics of keys and sticks.
 
     Args:
         engine: calls in the loop's thread
@@ -191,7 +191,7 @@ def _read_scale(message: Message) -> float:
 
 
 def _state(one: TeleopComponent) -> Mapping[str, object]:
-    """Return what a component publishes before anything happens."""
+    """Return the first messages of a component."""
     found: dict[str, object] = {
         "current_state": one.current,
         "desired_state": one.desired,

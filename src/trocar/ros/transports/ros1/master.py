@@ -13,10 +13,10 @@ from xmlrpc.client import ServerProxy, Transport
 from trocar.errors import InputError, TrocarError
 
 DEFAULT_URI = "http://localhost:11311"
-"""Where a master is when nothing says so. Source: rosgraph.rosenv, DEFAULT_MASTER_URI."""
+"""Address of the master without ROS_MASTER_URI. Source: rosgraph.rosenv, DEFAULT_MASTER_URI."""
 
 PATIENCE_S = 5.0
-"""How long a master may take to answer [s]. Source: our own choice; it takes milliseconds."""
+"""Time-out of a call to the master [s]. Source: our own choice; it takes milliseconds."""
 
 LOOPBACK = ("localhost", "127.", "::1")
 

@@ -260,7 +260,7 @@ NOTHING = Metadata(None, 0)
 
 @dataclass(frozen=True)
 class DdsSample:
-    """What arrived: CDR bytes with their header, the handle of who wrote them, and when [ns]."""
+    """A received message: CDR with its header, the writer's handle, time of writing [ns]."""
 
     payload: bytes
     writer: int
@@ -475,7 +475,7 @@ CLIENT_URI = f"<General>{LOOPBACK}</General>"
 
 @dataclass(frozen=True)
 class Network:
-    """Where to speak.
+    """The domain and the interfaces of a participant.
 
     Args:
         domain: ROS_DOMAIN_ID

@@ -114,7 +114,7 @@ class Access:
             )
 
     def objection(self, path: str, headers: Mapping[str, str]) -> tuple[HTTPStatus, str] | None:
-        """Return why a request to connect is rejected, or None.
+        """Check a request to connect; return the reason of a rejection, or None.
 
         Beyond the loopback address any name may lead here, and the token is required.
 
@@ -574,7 +574,7 @@ class WebSocketTransport:
 
     @property
     def address(self) -> str:
-        """Where clients find it, without the token."""
+        """Address for clients, without the token."""
         host = self._access.host
         return f"ws://{f'[{host}]' if ':' in host else host}:{self.port}"
 

@@ -9,7 +9,7 @@ of the web viewer; the same-origin policy keeps every other page from reading th
 be no second check: browsers send the cookies of a host to all its ports. Pages that the user names
 with --origin need no secret.
 
-With --token, programs, pages that are named and whoever opens the web viewer show the token or the
+With --token, programs, named pages and browsers that open the web viewer show the token or the
 secret. The secret stands in a file that only the user can read, for programs of the same user.
 """
 

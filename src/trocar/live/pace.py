@@ -18,7 +18,7 @@ LOG_PERIOD_S = 60.0
 Source: our own choice; a line a second hid everything else in ten minutes of abuse."""
 
 GIVE_UP_S = 1.0
-"""Lag beyond which lost time is let go [s]. Source: our own choice: longer than any hiccup of a
+"""Lag beyond which lost time is skipped [s]. Source: our own choice: longer than any hiccup of a
 busy machine, shorter than what a person would like to see replayed in fast motion."""
 
 EARLY_S = 1e-6

@@ -151,7 +151,7 @@ def read_field(line: str, where: str) -> Field:
     """One field from one line, comments allowed.
 
     Raises:
-        InputError: the line is no field; `where` says which file it is of
+        InputError: the line is no field; `where` names its file
     """
     only_ros1 = line.startswith(ROS1_MARK)
     text, _, remark = line.removeprefix(ROS1_MARK).partition("#")

@@ -23,7 +23,7 @@ from trocar.simulation import World
 #: Version of the trocar channels and metadata; the reader rejects every other one.
 FORMAT = 3
 
-#: What every recording says of itself.
+#: Keys that every recording has.
 ABOUT = {"trocar", "mujoco", "numpy", "machine", "rig", "rig_source", "rig_fingerprint"}
 ABOUT |= {"arguments", "timestep_s", "start_s", "start_period", "repeatable"}
 

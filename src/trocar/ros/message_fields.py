@@ -1,7 +1,7 @@
 """Values out of messages, checked: the only place where a field of a message is looked at.
 
 Messages are nested dicts of plain values, however they came. Whatever is in them, a function here
-returns what was asked for or raises `RefusedError`.
+returns the checked value or raises `RefusedError`.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def number(message: object, name: str, path: str = "") -> float:
     """Return a finite number; `path` leads to the message it is in, for the reason.
 
     Raises:
-        RefusedError: it is none
+        RefusedError: another type, or not finite
     """
     where = f"{path}.{name}" if path else name
     if not isinstance(message, Mapping) or name not in message:
@@ -84,7 +84,7 @@ def text(message: object, path: str) -> str:
     """Return a short text.
 
     Raises:
-        RefusedError: it is none, or too long
+        RefusedError: not text, or too long
     """
     value = field(message, path)
     if not isinstance(value, str):
@@ -101,7 +101,7 @@ def vector(message: Any, name: str) -> Array:
     """Return a list of finite numbers, (n,).
 
     Raises:
-        RefusedError: it is none, or too long
+        RefusedError: no list of finite numbers, or too long
     """
     try:
         value = message[name]
@@ -186,7 +186,7 @@ def pose(message: object, path: str) -> Array:
     """Return a pose, (4, 4) [m].
 
     Raises:
-        RefusedError: it is none
+        RefusedError: another type, or not finite
     """
     turned, moved = f"{path}.orientation", f"{path}.position"
     turn, move = field(message, turned), field(message, moved)
@@ -208,7 +208,7 @@ def button(message: object) -> int:
     """Return the first button of a Joy: 0 released, 1 pressed, 2 tapped.
 
     Raises:
-        RefusedError: there is none, or it does something else
+        RefusedError: no button, or another value
     """
     value = field(message, "buttons")
     if isinstance(value, np.ndarray):
@@ -223,7 +223,7 @@ def button(message: object) -> int:
 
 
 def stamp(message: Any) -> tuple[int, int] | None:
-    """Return when a message with a header was sent, (s, ns); None where it does not say.
+    """Return the stamp of a message, (s, ns); None without a header or with a stamp of zero.
 
     Raises:
         RefusedError: it is no time

@@ -1,4 +1,4 @@
-"""Messages from samples: states that are wanted, and every event."""
+"""Messages from samples: states with subscribers, and every event."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ Answer = dict[str, Any]
 
 #: Largest command or call in bytes of ROS. Source: our own choice; a JointState has a few hundred.
 LARGEST = 1_000_000
-#: Source: CRTK as the dVRK 2.4 tells it.
+#: Source: CRTK as reported by the dVRK 2.4.
 CRTK_VERSION = "1.1.0"
 #: Joints 3 and 4 of a master hang on its motors 2 and 3. Source: SAW share/kinematic/MTML.json.
 MTM_ACTUATORS = np.eye(7)
@@ -161,7 +161,7 @@ def _version(arm: Arm, request: Message) -> Answer:  # noqa: ARG001  as every an
 
 
 def _state(arm: Arm, request: Message) -> Answer:  # noqa: ARG001
-    """Return the operating state; whoever sends it adds the header."""
+    """Return the operating state without its header."""
     now = arm.operating_state()
     fields = {"state": now.state, "is_homed": now.is_homed, "is_busy": now.is_busy}
     return {"operating_state": fields}

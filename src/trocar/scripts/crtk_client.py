@@ -208,7 +208,7 @@ class ral:  # noqa: N801  as scripts call it
         return self._node.wait(ready, timeout_s)
 
     def look(self) -> None:
-        """Note that the script looks at a reading."""
+        """Count a reading by the script: time passes in loops of readings alone."""
         self._node.flow.look()
 
     @staticmethod
@@ -422,7 +422,7 @@ class OperatingStateClient:
         return self._now(lambda data: data.state == "DISABLED")
 
     def is_busy(self, start_time: Any = None, extra: Any = None) -> Any:
-        """Return whether the arm is busy; it counts as busy until a newer state says otherwise."""
+        """Return whether the arm is busy; it counts as busy until a newer state."""
         start = self._ral.now() if start_time is None else start_time
 
         def busy(data: Any) -> bool:

@@ -154,7 +154,7 @@ class Time(Ticks):
 
 
 class Rate:
-    """Keep a loop to a frequency, as rospy's does: late turns are caught up, old ones let go.
+    """Keep a loop to a frequency, as rospy's does: late turns are caught up, old ones skipped.
 
     Args:
         rate_hz: how often

@@ -144,7 +144,7 @@ def _join(flow: Flow) -> None:
 
 
 def _outcome(watchdog: Watchdog, work: Callable[[], None]) -> int:
-    """Do something that a script asks for; return its exit status."""
+    """Run a script's code; return its exit status."""
     status, script = 0, watchdog.script
     try:
         work()

@@ -202,7 +202,7 @@ class Stepped:
     """Steps a world in its script's thread, whenever that waits.
 
     Args:
-        world: nobody else may call it
+        world: used by this object alone
         limit_s: simulated time after which the script has to be over [s]; None: none
         parts: makes what is served beside the arms, of the loop
         rates: `rate_hz` and the like of the `Core`
@@ -337,8 +337,8 @@ class Live:
     """Steps a world in a thread of its own; functions of the script are called in another.
 
     Args:
-        world: nobody else may call it
-        begin: starts the loop; whoever shows it as well may do so
+        world: used by this object alone
+        begin: starts the loop, and a viewer of it where there is one
         parts: makes what is served beside the arms, of the loop
         rates: `rate_hz` and the like of the `Core`
 
@@ -374,7 +374,7 @@ class Live:
         self.wait(lambda: self.core.stamper.elapsed_s > 0.0, 10.0)
 
     def close(self) -> None:
-        """End, and let go of every thread."""
+        """End, and stop every thread."""
         self._calls.put(None)
         self.core.close()
         self.loop.close()

@@ -48,7 +48,7 @@ class Waiter:
 
 
 class Scheduler:
-    """Hand the turn from thread to thread, and let time pass when nobody else can go on.
+    """Run one thread at a time, and advance time when none can continue.
 
     Args:
         now_ns: returns the time [ns]
@@ -103,7 +103,7 @@ class Scheduler:
         self.wait(lambda: False, seconds)
 
     def look(self) -> None:
-        """Count a look at the clock or a reading; time passes when a script does nothing else."""
+        """Count a reading of clock or topic; time advances when a script does nothing else."""
         now = self.now_ns()
         if now != self._looked_ns:
             self._looks, self._looked_ns = 0, now
@@ -296,7 +296,7 @@ def thread_classes(scheduler: Scheduler) -> dict[str, Any]:
     exec(compile(ast.Module(chosen, []), str(threading.__file__), "exec"), names)
 
     class VirtualEvent(names["Event"]):
-        """An event; a look at it may let time pass."""
+        """An event; reading it may advance time."""
 
         def is_set(self) -> bool:
             scheduler.look()

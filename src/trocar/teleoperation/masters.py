@@ -88,7 +88,7 @@ class Master:
     """
 
     name: str
-    #: Whether a hand feels what `exert` sets.
+    #: Whether `exert` acts on a hand.
     exerts = False
 
     def objection(self, world: World) -> str:  # noqa: ARG002
@@ -96,7 +96,7 @@ class Master:
         return ""
 
     def prepare(self, world: World) -> None:
-        """Ask it to become usable; that may take a while."""
+        """Request that it becomes usable, which may take seconds."""
 
     def read(self, world: World) -> MasterReading:
         """Return its pose.

@@ -108,7 +108,7 @@ class RemoteMaster(Master):
         return ""
 
     def prepare(self, world: World) -> None:
-        """Ask it to be enabled and homed, if it reported that it is not."""
+        """Request enable and home, if its reported state is another."""
         self._requested = None
         if self._T is not None and self.objection(world):
             self.publish("state_command", {"string": "home"})
@@ -127,7 +127,7 @@ class RemoteMaster(Master):
         return MasterReading(self._T, self._gripper)
 
     def align(self, world: World, R: Array) -> str:  # noqa: ARG002
-        """Ask it to turn where it is."""
+        """Request a rotation in place."""
         if self._T is None:
             return f"{self.name} publishes nothing"
         turned = self._requested is None or angle_between(self._requested, R) > TURNED
@@ -137,7 +137,7 @@ class RemoteMaster(Master):
         return ""
 
     def release(self, world: World, *, locked: bool) -> None:  # noqa: ARG002
-        """Ask it to exert only its links' weight, as the dVRK does."""
+        """Request that it carries only its links' weight, as on the dVRK."""
         self._requested = None
         self.publish("use_gravity_compensation", {"data": True})
         self._force = np.zeros(3)
@@ -148,13 +148,13 @@ class RemoteMaster(Master):
             self.publish("unlock_orientation", {})
 
     def exert(self, world: World, force: Array) -> None:  # noqa: ARG002
-        """Ask it to exert a force on the hand, in axes of the handle, (3,) [N]."""
+        """Request a force on the hand, in axes of the handle, (3,) [N]."""
         if (force != self._force).any():
             self._force = force.copy()
             self.publish("body/servo_cf", {"force": force})
 
     def hold(self, world: World) -> None:  # noqa: ARG002
-        """Ask it to stay where it is."""
+        """Request that it stays where it is."""
         self._requested = None
         if self._T is not None:
             self.publish("hold", {})

@@ -166,7 +166,7 @@ def _teleops(
 
 
 class Session:
-    """Somebody who drives a rig, or only presses its pedals.
+    """The driver of a rig, or of its pedals alone.
 
     Args:
         kind: "keyboard", "gamepad", "spacemouse" or "masters"; None: clients drive, the page has

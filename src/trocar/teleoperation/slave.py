@@ -28,8 +28,8 @@ Array = NDArray[np.float64]
 
 #: The surgeon's axes in those of an image (x right, y down): both of the screen's are turned round.
 R_IMAGE_VIEW = rotation_z(np.pi)
-#: Without an endoscope somebody stands before the robot and looks across it at the table, against
-#: the world's y. Source: our own choice, as the surgeon at full_cart_mtm's console does.
+#: The view without an endoscope: of an operator before the robot who looks across it at the table,
+#: against the world's y. Source: our own choice, as the surgeon at full_cart_mtm's console does.
 R_WORLD_VIEW = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 #: A solution that is farther from the set-points is on another branch. Source: our own choice.
 #: [rad or m]

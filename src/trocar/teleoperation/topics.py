@@ -30,7 +30,7 @@ JOYS = ("rotation_locked", "translation_locked")
 CONSOLE = "console/teleop"
 
 KEYS, PAD = "teleop/keys", "teleop/gamepad"
-#: Sent when nobody presses keys any longer: the page has lost them to another window.
+#: Sent when the web viewer loses the keyboard to another window.
 ASIDE = "aside"
 
 INPUTS = (

@@ -30,7 +30,7 @@ OPTIONS = """
 
 #: Where Foxglove looks by itself. Source: its SDK's default.
 PORT = 8765
-#: The SDK lets every page of the web connect, so nobody beyond this machine may. Source: tried.
+#: The SDK lets every page of the web connect, so only this machine may. Source: tried.
 HOST = "127.0.0.1"
 #: Messages that wait for one client; the SDK drops the oldest beyond. Source: the SDK's default.
 BACKLOG = 1024
@@ -82,7 +82,7 @@ class Subscriptions:
             self.wanted = frozenset(name for _, name in self._subscriptions)
 
     def newly(self) -> set[str]:
-        """Return the topics that somebody subscribed to since the last call."""
+        """Return the topics with new subscribers since the last call."""
         with self._lock:
             new, self._new = self._new, set()
         return new
@@ -162,7 +162,7 @@ class FoxgloveTransport:
             raise
 
     def close(self) -> None:
-        """Let go of clients and the port, and end the file."""
+        """Disconnect clients, close the port and end the file."""
         if self._server is not None:
             stop = threading.Thread(target=self._server.stop, name="trocar-foxglove", daemon=True)
             stop.start()

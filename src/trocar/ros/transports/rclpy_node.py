@@ -46,7 +46,7 @@ MODEL_S = 1.0
 PAUSE_S, CLOSING_S = 0.1, 5.0
 #: How long a service may take. Source: our own choice. [s]
 SERVICE_S = 5.0
-#: Ordered commands wait here while the core is busy; it rejects, and says so, sooner.
+#: Depth of the queues of ordered commands; the core rejects and reports sooner.
 COMMANDS = 1024
 
 # ---------------------------------------------------------------------- rclpy
@@ -88,7 +88,7 @@ def load() -> Rclpy:
     """Import rclpy.
 
     Raises:
-        MissingRclpyError: there is none for this Python
+        MissingRclpyError: this Python has no rclpy
     """
     names = ("context", "exceptions", "executors", "parameter", "qos", "serialization")
     modules = ["rclpy", *(f"rclpy.{name}" for name in names), "rcl_interfaces.msg"]
@@ -97,13 +97,13 @@ def load() -> Rclpy:
     except ImportError as error:
         try:
             there = find_spec("rclpy") is not None
-        except ValueError:  # somebody has hidden it
+        except ValueError:  # sys.modules has None for it
             there = False
         raise MissingRclpyError(sys.executable, str(error), there=there) from error
 
 
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
-#: Variables by which a user says how far ROS 2 reaches.
+#: Variables that set the discovery range of ROS 2.
 REACH = (
     RANGE,
     "ROS_LOCALHOST_ONLY",

@@ -86,7 +86,7 @@ class ServerParameters:
             self._own.set_gains(self._joints[name], name, given)
 
     def forget(self) -> None:
-        """Delete the parameters that were set here, so that they outlive nobody.
+        """Delete the parameters that were set here.
 
         Raises:
             MasterError: the master does not answer

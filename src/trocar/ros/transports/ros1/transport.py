@@ -3,7 +3,7 @@
 rospy comes with ROS 1 and not from PyPI. Message classes are made at run time and carry bytes:
 written once for all subscribers, and read by our own decoder.
 
-A subscriber that does not read keeps nobody waiting: events and images wait in rospy's own queue
+A subscriber that does not read delays no other: events and images wait in rospy's own queue
 and thread for it, and states are left out for it. For 44 states at 220 Hz such threads take twice
 the time, 0.8 cores instead of 0.35 (measured, 0.1 of it lost).
 """
@@ -44,7 +44,7 @@ NODE = "trocar"
 PACKAGES = "python3-rospy python3-rosmaster python3-std-msgs python3-rosgraph-msgs"
 #: How long a service may take. Source: our own choice; one takes milliseconds. [s]
 SERVICE_S = 5.0
-#: How often the master is asked whether it knows the node. Source: our own choice. [s]
+#: Period of the check that the master has the node registered. Source: our own choice. [s]
 WATCH_S = 2.0
 #: How long unregistering may take. Source: our own choice; it takes tenths of a second. [s]
 FAREWELL_S = 10.0
@@ -140,7 +140,7 @@ def load() -> Rospy:
     """Import rospy.
 
     Raises:
-        MissingRospyError: there is none for this Python
+        MissingRospyError: this Python has no rospy
     """
     modules = ("rospy", "genpy", "rospy.impl.paramserver", "rospy.impl.registration")
     try:

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 _log = logging.getLogger("trocar")
 
 NODE = "trocar"
-#: Ordered commands wait here while the core is busy; it rejects, and says so, sooner.
+#: Depth of the queues of ordered commands; the core rejects and reports sooner.
 COMMANDS = 1024
 WAIT_S = 0.2
 #: Calls and answers that wait. Source: rmw, rmw_qos_profile_services_default.
@@ -65,8 +65,8 @@ class Ros2Service:
         bus: the participant
         name: without a leading slash
         kinds: DDS name and type hash of the request, and of the response
-        number: tells it from the participant's others
-        answer: returns the CDR bytes of the response to those of a request; None: there is none
+        number: of the service, unique in the participant
+        answer: returns the CDR bytes of the response to those of a request; None: no response
     """
 
     def __init__(
@@ -276,9 +276,9 @@ class Ros2Transport:
     def _introduce(self, bus: DdsParticipant) -> None:
         """Describe the node, in the form of those who read the graph.
 
-        The two forms cannot be told apart on the wire, and a reader of the other form makes a node
-        without a name of it. So nothing is written until somebody reads; readers since Iron carry
-        the hash of the type, those before have none and ROS_DISTRO decides.
+        The wire does not distinguish the two forms, and a reader of the other form makes a node
+        without a name of it. So nothing is written before there is a reader; readers since Iron
+        carry the hash of the type, those before have none and ROS_DISTRO decides.
         """
         for reader in self._graph.readers():
             data = self._graph.user_data_of(reader) or b""

@@ -65,7 +65,7 @@ PORT = 9090
 # Of all clients. Source: our own choice.
 #: Patience for opening and closing handshakes. [s]
 OPEN_S, CLOSE_S = 5.0, 1.0
-#: Time between two looks at what clients have not taken yet. [s]
+#: Period of the check of what clients have not read yet. [s]
 TEND_S = 0.01
 #: Threads that wait for services, and how long a service may take. [s]
 WORKERS, SERVICE_S = 4, 10.0

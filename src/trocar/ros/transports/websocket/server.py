@@ -271,12 +271,13 @@ class Client:
         newest: the newest state of each topic; it belongs to the server
 
     Attributes:
+        connection: as given
         subscriptions: by the topic's name without a slash
         refused: messages beyond the rate
     """
 
     def __init__(self, connection: Connection, newest: Mapping[str, EncodedMessage]) -> None:
-        self._connection, self._newest = connection, newest
+        self.connection, self._newest = connection, newest
         self.peer = "{}:{}".format(*connection.remote_address[:2])
         self.subscriptions: dict[str, ClientSubscription] = {}
         self.outbox = Outbox(MOST_WAITING)
@@ -339,7 +340,7 @@ class Client:
     def send(self, data: bytes) -> None:
         """Send messages, or let them wait their turn."""
         if self._ready:
-            self._connection.transport.write(data)
+            self.connection.transport.write(data)
         else:
             self.outbox.put(data)
 
@@ -360,7 +361,7 @@ class Client:
     def tend(self, now: float) -> None:
         """Send what waited long enough, and report what a slow client has missed."""
         while self.outbox and self._reads:
-            self._connection.transport.write(self.outbox.take())
+            self.connection.transport.write(self.outbox.take())
         if self.outbox or not self._reads:
             return
         if self._missed is not None:
@@ -380,7 +381,7 @@ class Client:
 
     @property
     def _reads(self) -> bool:
-        return self._connection.state is State.OPEN and not self._connection.paused
+        return self.connection.state is State.OPEN and not self.connection.paused
 
     @property
     def _ready(self) -> bool:

@@ -21,7 +21,7 @@ import ipaddress
 import json
 import os
 import secrets
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Generator, Iterable, Mapping
 from http import HTTPStatus
 from pathlib import Path
 from urllib.parse import parse_qs, urlsplit
@@ -92,7 +92,7 @@ class PageAccess:
 
 
 @contextlib.contextmanager
-def announced(addresses: Mapping[str, str]) -> Iterator[Path]:
+def announced(addresses: Mapping[str, str]) -> Generator[Path]:
     """Keep a file with addresses that only this user can read, while the block lasts.
 
     Args:

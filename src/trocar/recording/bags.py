@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
@@ -245,7 +245,7 @@ def _image(message: Any, topic: str, file: str) -> NDArray[np.uint8]:
 
 
 @contextmanager
-def _rosbags(file: str) -> Iterator[None]:
+def _rosbags(file: str) -> Generator[None]:
     """Turn the errors of rosbags about a file, and of its absence, into ours."""
     try:
         import apsw  # with rosbags

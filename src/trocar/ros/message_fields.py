@@ -113,14 +113,15 @@ def vector(message: Any, name: str) -> Array:
         raise RefusedError("type", f"got {name} {shown(value)}; allowed: a list of numbers")
     if len(items) > LONGEST:
         raise RefusedError("shape", f"got {len(items)} numbers in {name}; allowed: up to {LONGEST}")
-    for item in items:
+    numbers: Sequence[object] = items
+    for item in numbers:
         if type(item) is not float or not -LARGEST <= item <= LARGEST:  # the usual case, quickly
             break
     else:
-        return value if array and value.dtype == np.float64 else np.array(items, dtype=np.float64)
-    for i, item in enumerate(items):
+        return value if array and value.dtype == np.float64 else np.array(numbers, dtype=np.float64)
+    for i, item in enumerate(numbers):
         _finite(item, f"{name}[{i}]")
-    return np.array(items, dtype=np.float64)
+    return np.array(numbers, dtype=np.float64)
 
 
 def joints(message: Any, field: str, names: Sequence[str]) -> Array:
@@ -153,7 +154,7 @@ def joints(message: Any, field: str, names: Sequence[str]) -> Array:
 def joints_or_none(message: Any, field: str, names: Sequence[str]) -> Array | None:
     """Return as `joints` does, None where the list is empty or missing."""
     mapping = type(message) is dict or isinstance(message, Mapping)
-    value = message.get(field) if mapping else None
+    value: Any = message.get(field) if mapping else None
     if value is None or (hasattr(value, "__len__") and len(value) == 0):
         return None
     return joints(message, field, names)
@@ -235,7 +236,8 @@ def stamp(message: Any) -> tuple[int, int] | None:
     if value is None:
         return None
     if isinstance(value, (tuple, list)) and len(value) == 2:
-        sec, nanosec = value
+        pair: Sequence[object] = value
+        sec, nanosec = pair
         if type(sec) is int and type(nanosec) is int and sec >= 0 and nanosec >= 0:
             return (sec, nanosec) if sec or nanosec else None
     raise RefusedError("stamp", f"got a stamp {shown(value)}; allowed: (seconds, nanoseconds)")
@@ -270,9 +272,10 @@ def _finite(value: object, path: str) -> float:
 
 
 def _names(given: Any) -> list[str]:
-    if isinstance(given, (list, tuple)) and len(given) <= LONGEST:
-        names = list(given)
-        if all(isinstance(name, str) for name in names):
+    if isinstance(given, (list, tuple)):
+        held: Sequence[object] = given
+        names = [name for name in held if isinstance(name, str)]
+        if len(names) == len(held) <= LONGEST:
             return names
     raise RefusedError("names", f"got name {shown(given)}; allowed: joint names")
 

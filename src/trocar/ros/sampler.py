@@ -39,11 +39,16 @@ DESIRED = {
     "resume": "ENABLED",
 }
 #: Events of the journal that are topics, and the value that is their data.
-PLAIN = {"goal_reached": "reached", "error": "text", "warning": "text", "status": "text"}
-PLAIN |= {"grasp/slipped": "object", "grasp/dropped": "object"}
+PLAIN = {
+    "goal_reached": "reached",
+    **dict.fromkeys(("error", "warning", "status"), "text"),
+    **dict.fromkeys(("grasp/slipped", "grasp/dropped"), "object"),
+}
 #: Verbs whose end clients wait for.
-MOVES = {"move_jp", "move_jr", "move_cp", "move_to", "jaw.move_jp", "jaw.move_jr", "home"}
-MOVES |= {"jaw.open", "jaw.close"}
+MOVES = {
+    *("move_jp", "move_jr", "move_cp", "move_to", "home"),
+    *("jaw.move_jp", "jaw.move_jr", "jaw.open", "jaw.close"),
+}
 
 
 def desired_state(entry: Entry) -> str | None:

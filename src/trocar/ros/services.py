@@ -124,9 +124,8 @@ def _forward(local: bool) -> Callable[[Arm, Message], Answer]:
         """Return the pose of the link that as many joints lead to as there are numbers."""
         try:
             q = vector(request, "jp")
-            T = _link(arm, q)
-            if not local:
-                T = arm.base_frame()[0] @ T
+            T_base_link = _link(arm, q)
+            T = T_base_link if local else arm.base_frame()[0] @ T_base_link
         except TrocarError as problem:
             return {"cp": build.pose(np.eye(4)), "result": False, "message": str(problem)}
         return {"cp": build.pose(T), "result": True, "message": ""}

@@ -4,6 +4,9 @@ A script sees ROS 1's names and attributes; `fields_of` and `message_of` turn it
 core's dicts and back. Times have rospy's attributes, and the names that ROS 2 gives them.
 """
 
+# Public attributes of genpy's classes begin with an underscore.
+# pyright: reportPrivateUsage=false
+
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence

@@ -4,6 +4,9 @@ An installed crtk_python_client stands on it as well. Source of names and behavi
 documentation (ROS 1 Noetic).
 """
 
+# Public attributes of genpy's classes begin with an underscore.
+# pyright: reportPrivateUsage=false
+
 from __future__ import annotations
 
 import sys

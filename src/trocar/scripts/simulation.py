@@ -3,6 +3,9 @@
 script -> crtk.ral -> Node -> Bus -> Core -> the loop of a World
 """
 
+# Public attributes of genpy's classes begin with an underscore.
+# pyright: reportPrivateUsage=false
+
 from __future__ import annotations
 
 import logging

@@ -15,7 +15,7 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from types import ModuleType
@@ -355,7 +355,7 @@ def virtual_modules(scheduler: Scheduler) -> dict[str, ModuleType]:
 
 
 @contextmanager
-def answering(scheduler: Scheduler) -> Iterator[None]:
+def answering(scheduler: Scheduler) -> Generator[None]:
     """Let time pass whenever the script waits for a line, until the block ends."""
     read = builtins.input
 

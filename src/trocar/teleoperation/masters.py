@@ -263,7 +263,7 @@ class VirtualMaster(Master):
         self.name, self._now, self.scale = name, now, scale
         self.drive = STILL
         self._received: float | None = None
-        self._T = self._before = translation(PLACE)
+        self._pose = self._before = translation(PLACE)
         self._gripper = WIDEST
         self._read_at = -1.0
 
@@ -286,7 +286,7 @@ class VirtualMaster(Master):
 
     def prepare(self, world: World) -> None:
         """Begin in the middle."""
-        self._T = transform(self._T[:3, :3], PLACE)
+        self._pose = transform(self._pose[:3, :3], PLACE)
         self._read_at = world.time
 
     def read(self, world: World) -> MasterReading:
@@ -303,14 +303,14 @@ class VirtualMaster(Master):
         if period > 0.0:
             drive, pace = self.drive, CAMERA_PACE if self.drive.camera else 1.0
             turn = matrix_from_rotation_vector(pace * period * drive.angular)
-            place = self._T[:3, 3] + pace * period * drive.linear
-            self._before, self._T = self._T, transform(turn @ self._T[:3, :3], place)
+            place = self._pose[:3, 3] + pace * period * drive.linear
+            self._before, self._pose = self._pose, transform(turn @ self._pose[:3, :3], place)
             self.match_gripper(self._gripper + period * drive.opening)
-        return MasterReading(self._T, self._gripper, present=True)
+        return MasterReading(self._pose, self._gripper, present=True)
 
     def align(self, world: World, R: Array) -> str:  # noqa: ARG002
         """Turn at once: nothing is in the way."""
-        self._T = transform(R, self._T[:3, 3])
+        self._pose = transform(R, self._pose[:3, 3])
         return ""
 
     def match_gripper(self, opening: float) -> None:
@@ -319,7 +319,7 @@ class VirtualMaster(Master):
 
     def step_back(self) -> None:
         """Go back to the reading before."""
-        self._T = self._before
+        self._pose = self._before
 
 
 class HandOf(Master):

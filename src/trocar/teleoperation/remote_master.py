@@ -79,7 +79,7 @@ class RemoteMaster(Master):
         self.name, self._now = name, now
         self._force = np.zeros(3)
         self.publish: Callable[[str, Mapping[str, Any]], None] = lambda topic, fields: None  # noqa: ARG005  not connected yet
-        self._T: Array | None = None
+        self._pose: Array | None = None
         self._gripper: float | None = None
         self._received: float | None = None
         self._state: tuple[str, bool] = ("", False)
@@ -88,7 +88,7 @@ class RemoteMaster(Master):
 
     def receive_pose(self, T: Array) -> None:
         """Take its pose in the frame of the stereo display, (4, 4)."""
-        self._T, self._received = T, self._now()
+        self._pose, self._received = T, self._now()
 
     def receive_gripper(self, opening: float) -> None:
         """Take the opening of its gripper [rad]."""
@@ -100,7 +100,7 @@ class RemoteMaster(Master):
 
     def objection(self, world: World) -> str:  # noqa: ARG002
         """Return the reason that the master cannot be used, "" when it can."""
-        if self._T is None:
+        if self._pose is None:
             return f"{self.name} publishes nothing"
         state, homed = self._state
         if state and (state != "ENABLED" or not homed):
@@ -110,7 +110,7 @@ class RemoteMaster(Master):
     def prepare(self, world: World) -> None:
         """Request enable and home, if its reported state is another."""
         self._requested = None
-        if self._T is not None and self.objection(world):
+        if self._pose is not None and self.objection(world):
             self.publish("state_command", {"string": "home"})
 
     def read(self, world: World) -> MasterReading:  # noqa: ARG002
@@ -119,21 +119,21 @@ class RemoteMaster(Master):
         Raises:
             MasterLostError: it has published nothing for a while
         """
-        if self._T is None or self._received is None:
+        if self._pose is None or self._received is None:
             return MasterReading(np.eye(4))
         if self._now() - self._received > SILENCE_S:
-            self._T = self._received = None
+            self._pose = self._received = None
             raise MasterLostError(self.name, f"no message for {SILENCE_S:g} s")
-        return MasterReading(self._T, self._gripper)
+        return MasterReading(self._pose, self._gripper)
 
     def align(self, world: World, R: Array) -> str:  # noqa: ARG002
         """Request a rotation in place."""
-        if self._T is None:
+        if self._pose is None:
             return f"{self.name} publishes nothing"
         turned = self._requested is None or angle_between(self._requested, R) > TURNED
         if turned or self._now() - self._sent > AGAIN_S:
             self._requested, self._sent = R.copy(), self._now()
-            self.publish("move_cp", {"T": transform(R, self._T[:3, 3])})
+            self.publish("move_cp", {"T": transform(R, self._pose[:3, 3])})
         return ""
 
     def release(self, world: World, *, locked: bool) -> None:  # noqa: ARG002
@@ -142,8 +142,8 @@ class RemoteMaster(Master):
         self.publish("use_gravity_compensation", {"data": True})
         self._force = np.zeros(3)
         self.publish("body/servo_cf", {"force": self._force})
-        if locked and self._T is not None:
-            self.publish("lock_orientation", {"T": self._T})
+        if locked and self._pose is not None:
+            self.publish("lock_orientation", {"T": self._pose})
         else:
             self.publish("unlock_orientation", {})
 
@@ -156,7 +156,7 @@ class RemoteMaster(Master):
     def hold(self, world: World) -> None:  # noqa: ARG002
         """Request that it stays where it is."""
         self._requested = None
-        if self._T is not None:
+        if self._pose is not None:
             self.publish("hold", {})
 
 

@@ -10,7 +10,7 @@ import logging
 import os
 import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping, MutableMapping
+from collections.abc import Callable, Generator, Mapping, MutableMapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
@@ -116,7 +116,7 @@ REACH = (
 
 
 @contextmanager
-def kept_local(environment: MutableMapping[str, str]) -> Iterator[None]:
+def kept_local(environment: MutableMapping[str, str]) -> Generator[None]:
     """Let rclpy, which reads the environment in the block, stay on this machine by default.
 
     Left alone, a node of ROS 2 speaks with the whole network, and whoever it meets can move the

@@ -14,7 +14,7 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from http import HTTPStatus
@@ -716,7 +716,7 @@ class WebSocketTransport:
                     client.tend(now)
 
     @contextlib.contextmanager
-    def _logged(self) -> Iterator[None]:
+    def _logged(self) -> Generator[None]:
         """Log a message that cannot be sent, and go on with the others."""
         try:
             yield

@@ -1,4 +1,4 @@
-"""What other programs see of a running simulator: rates, lateness, latency, processor time.
+"""Rates, lateness, latency and processor time of a simulator, as its clients measure them.
 
 A simulator and its clients run in processes of their own; rates and times are medians of several
 runs, losses the most of any. First, in this process, the cost of making the states is measured.
@@ -174,7 +174,7 @@ class Transport:
     def listen(
         self, server: Served, rate_hz: float, topics: Sequence[str], duration_s: float
     ) -> tuple[Arrivals, Arrivals]:
-        """Return what a subscriber received, and the same of a process that only sleeps."""
+        """Measure the arrivals at a subscriber, and the lateness of a process that only sleeps."""
         sleeper = self.start("sleep", f"{rate_hz:g}", f"{duration_s:g}")
         heard = self.run("listen", server.address, f"{duration_s:g}", *topics)
         return arrived(heard, rate_hz), arrived(result(sleeper), rate_hz)
@@ -207,7 +207,7 @@ TRANSPORTS = {
 
 
 def result(process: subprocess.Popen[str]) -> Any:
-    """Return what a program printed when it is done.
+    """Wait for a program and return its output.
 
     Raises:
         TrocarError: it failed

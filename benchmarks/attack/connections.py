@@ -180,7 +180,7 @@ class Reader:
 
 
 class Strangers:
-    """What strangers do; each method returns None, or what should not have happened.
+    """Hostile connections; each method returns None, or the description of a defect.
 
     Args:
         rng: chooses

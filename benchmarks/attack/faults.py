@@ -418,7 +418,7 @@ class Commander:
         return bool(self.came) and self.came[-1][2] >= number
 
     def backward_ns(self) -> int:
-        """Return how far header stamps ever went back [ns]."""
+        """Return the largest step back of header stamps [ns]."""
         stamps = np.array([stamp for _, stamp, _ in list(self.came)], dtype=np.int64)
         return int(max(0, -np.diff(stamps).min(initial=0)))
 
@@ -461,7 +461,7 @@ class Commander:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a fault did.
+    """The measured effects of a fault.
 
     Attributes:
         fault: its name

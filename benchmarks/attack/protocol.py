@@ -99,7 +99,6 @@ class Target(logging.Handler):
         )
         self.core = Core(
             self.loop,
-            compat=("dvrk_env", "dvrk_vrep"),
             components=() if task is None else (task.component(),),
         )
         if task is not None:

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import logging
-import time
-from collections.abc import Callable
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from trocar.live import Command, Loop
-from trocar.live.log_filter import without_repeats
 from trocar.live.state import Elapsed
 from trocar.simulation import World
 from trocar.simulation.rate_limit import KINDS, RateLimit, suffix
@@ -99,31 +94,3 @@ def test_kinds_of_complaints_are_bounded() -> None:
     for kind in range(10 * KINDS):
         limit.due(kind, 0.0)
     assert len(limit) <= KINDS
-
-
-@pytest.fixture
-def shown(caplog: pytest.LogCaptureFixture) -> Callable[[], list[str]]:
-    """Return the function that returns what passed the root logger's handlers."""
-    return lambda: [record.getMessage() for record in caplog.records]
-
-
-def test_lines_of_a_library_that_differ_in_numbers_only_are_shown_once_a_minute(
-    shown: Callable[[], list[str]], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    now = 100.0
-    monkeypatch.setattr(time, "monotonic", lambda: now)
-    theirs, ours = logging.getLogger("foxglove.server"), logging.getLogger("trocar")
-    with without_repeats():
-        for now in (100.0, 101.0, 159.0, 160.0):
-            theirs.warning("Dropping client 127.0.0.1:%d: handshake failed", 1000 + now)
-        theirs.warning("another")
-        for _ in range(2):
-            ours.warning("limits its own lines")
-    theirs.warning("another")
-    assert shown() == [
-        "Dropping client 127.0.0.1:1100: handshake failed",
-        "Dropping client 127.0.0.1:1160: handshake failed (2 more such since)",
-        "another",
-        *["limits its own lines"] * 2,
-        "another",
-    ]

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import queue
 import threading
-from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 import pytest
 
-from tests.ros.served import HandClock, Served
+from tests.ros.served import HandClock
 from trocar.live import Loop
 from trocar.live.inbox import Command
-from trocar.ros import Core
+from trocar.live.state import Elapsed
+from trocar.ros import Core, sampler
 from trocar.ros.clock import Stamper
 from trocar.ros.core import Batch
 from trocar.ros.sample import Sample
@@ -125,32 +125,49 @@ def test_a_tick_that_a_sample_shows_runs_alone_and_those_before_it_together(
 
 
 def test_who_steps_a_paused_world_gets_what_comes_of_it_at_once() -> None:
-    served = Served("psm", rate_hz=1.0)
-    served.loop.post(Command("world", "pause"))
-    served.run()
-    served.loop.post(Command("world", "step", {"periods": 1}))
-    served.loop.tick()
-    sample = served.core._samples.get_nowait()
+    loop = Loop(World("psm"), tick_s=TICK_S, clock=HandClock())
+    samples: queue.SimpleQueue[Sample | None] = queue.SimpleQueue()
+    Sampler(loop, {}, Stamper(), 1.0, samples, lambda *_: None).start()
+    loop.post(Command("world", "pause"))
+    loop.tick()
+    while not samples.empty():
+        samples.get()
+    loop.post(Command("world", "step", {"periods": 1}))
+    loop.tick()
+    sample = samples.get_nowait()
     assert sample is not None
     assert sample.due_s is None
 
 
-def test_no_message_leaves_before_it_is_due() -> None:
+def test_no_message_leaves_before_it_is_due(monkeypatch: pytest.MonkeyPatch) -> None:
     class Timed(MemoryTransport):
         def send(self, batch: Batch) -> None:
             if batch:
                 sent.append(loop.now)
                 enough.set()
 
+    class Onlooker:
+        def ticked(self, elapsed: Elapsed) -> None:
+            if elapsed.due_s is not None:
+                due_s.append(elapsed.due_s)
+
+        def patience(self) -> int:
+            return 1
+
+        def refused(self, command: Command, reason: str) -> None:
+            raise AssertionError(command, reason)
+
+    monkeypatch.setattr(sampler, "READY_S", 0.2)
     sent: list[float] = []
+    due_s: list[float] = []
     enough = threading.Event()
     loop = Loop(World("psm"), tick_s=TICK_S)
-    core = Core(loop)
+    core = Core(loop, rate_hz=1.0)
     core.attach(Timed(["PSM1/measured_js"]))
+    loop.watch(Onlooker())
     core.start()
-    (sample,) = taken(1.0)
-    due_s = loop.now + 0.1
-    core._samples.put(replace(sample, due_s=due_s))
+    loop.start()
     assert enough.wait(30.0)
+    loop.close()
     core.close()
-    assert sent[0] >= due_s
+    assert sent[0] >= due_s[0] + 0.2 - TICK_S

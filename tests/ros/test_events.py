@@ -278,7 +278,17 @@ def test_without_its_library_the_urdf_is_a_warning(monkeypatch: pytest.MonkeyPat
         raise MissingExtraError("lxml", "export", "URDF")
 
     monkeypatch.setattr("trocar.ros.core.robot_model", missing)
-    served, _ = settle()
-    served.core._describe(served.world.rig)
-    served.run(0.01)
-    assert "robot_description" in served.messages("system/warning")[0]["data"]
+    loop = Loop(World("psm"), speed="realtime", tick_s=0.001)
+    core, transport = Core(loop), MemoryTransport(["robot_description", "system/warning"])
+    core.attach(transport)
+    core.start()
+    loop.start()
+    try:
+        end = time.monotonic() + 30.0
+        while not (warnings := transport.received.get("system/warning", [])):
+            assert time.monotonic() < end
+            time.sleep(0.01)
+        assert "robot_description" in warnings[0]["data"]
+    finally:
+        loop.close()
+        core.close()

@@ -216,16 +216,6 @@ def test_messages_of_cameras_are_what_every_transport_can_write(what: str, filme
     assert to_json(kind, message)["header"]["frame_id"] == "endoscope_left_frame"
 
 
-def test_the_scenes_of_others_find_the_endoscope_under_their_own_names(filmed) -> None:
-    served = filmed(wanted=None, compat=("dvrk_vrep", "dvrk_env"))
-    served.run(0.02)
-    for before in ("stereo", "dvrk/ecm/camera"):
-        for eye in EYES:
-            image, info = (served.last(f"{before}/{eye}/{w}") for w in ("image_raw", "camera_info"))
-            assert image["width"] == info["width"]
-            assert info["header"] == image["header"]
-
-
 BESIDE = [f"endoscope/{eye}/{what}/image_raw" for eye in EYES for what in ("depth", "ids")]
 
 

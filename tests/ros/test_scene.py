@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
 
 from tests.ros.served import Served, stamp_ns
 from trocar.descriptions import load_rig
-from trocar.descriptions.sensors import KINDS
+from trocar.descriptions.sensor_records import Physics, SensorReading, Values
+from trocar.descriptions.sensors import KINDS, PlacedSensor
 from trocar.messages import message_type, ros1_encode
 from trocar.ros.core import topic_table
 from trocar.simulation import EffortReading, TwistReading
@@ -87,14 +90,17 @@ def test_every_message_of_a_scene_can_be_written(tmp_path: Path) -> None:
 
 def test_objects_are_told_where_the_world_has_them() -> None:
     served = Served("pegs")
-    served.world.object("ring1")._qvel[:] = [0.1, 0.2, 0.3, 1.0, 2.0, 3.0]
-    served.run(0.02)
+    aloft = served.world.object("ring1").measured_cp().T.copy()
+    aloft[2, 3] += 0.1
+    served.world.object("ring1").set_cp(aloft)
+    served.run(0.05)
     told, speed = (served.last(f"scene/ring1/measured_{what}") for what in ("cp", "cv"))
     assert told["header"] == speed["header"] and told["header"]["frame_id"] == "world"
     assert told["header"]["stamp"] == served.last("PSM1/measured_js")["header"]["stamp"]
     at = served.world.object("ring1").measured_cp().T
     assert np.allclose(point(told["pose"]["position"]), at[:3, 3], atol=2e-3)
-    assert np.allclose(point(speed["twist"]["linear"])[:2], [0.1, 0.2], atol=0.2)
+    fall = -9.81 * served.world.time
+    assert np.allclose(point(speed["twist"]["linear"]), [0.0, 0.0, fall], atol=0.02)
     frames = {t["child_frame_id"] for t in served.last("tf")["transforms"]}
     assert {"ring1", "block3"} <= frames
 
@@ -259,3 +265,44 @@ def test_sensors_are_told_as_the_world_reads_them(tmp_path: Path) -> None:
     for told, exact in (("linear", seen.linear), ("angular", seen.angular)):
         assert np.allclose(point(speed["twist"][told]), exact, atol=0.05 * np.abs(exact).max())
     assert len(served.last("sensors/touch")["contacts"]) > 20
+
+
+@dataclass(frozen=True, eq=False)
+class MotionReading(SensorReading):
+    """Speed and velocity of a place."""
+
+    speed: float
+    velocity: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class MotionSensor(PlacedSensor):
+    """The motion of a place on a link."""
+
+    kind = "motion"
+    reading = MotionReading
+    values: ClassVar[Values] = dict.fromkeys(("speed", "velocity"), ("linear velocity", "m/s"))
+
+    def measure(self, physics: Physics) -> dict[str, object]:
+        linear = physics.motion(self.place).linear
+        return {"speed": float(np.linalg.norm(linear)), "velocity": linear}
+
+
+def test_a_sensor_of_a_new_kind_has_a_topic_without_a_row(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(KINDS, "motion", MotionSensor)
+    file = tmp_path / "mine.toml"
+    text = '\n[[sensor]]\nname = "fast"\nkind = "motion"\narm = "PSM1"\nframe = "tip"\n'
+    file.write_text(Path(load_rig("psm").file).read_text(encoding="utf-8") + text)
+    served = Served(str(file))
+    (row,) = (t for t in topic_table(served.world.rig) if t.name == "sensors/fast")
+    assert (row.type, row.unit) == ("sensor_msgs/JointState", "m/s")
+    assert row.help == "position: the motion of a place on a link"
+    served.world.arm("PSM1").move_jp([0.2, 0.0, 0.12, 0.0, 0.0, 0.0])
+    served.run(0.2)
+    told = served.last("sensors/fast")
+    assert told["name"] == ["speed", "velocity[0]", "velocity[1]", "velocity[2]"]
+    assert told["header"]["frame_id"] == "fast"
+    speed, *velocity = told["position"]
+    assert speed == pytest.approx(np.linalg.norm(velocity)) and speed > 0.01

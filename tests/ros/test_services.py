@@ -9,7 +9,7 @@ from tests.ros.asking import HOME, joints, quaternion, state, xyz
 from tests.ros.served import Served
 from trocar.errors import InputError
 from trocar.kinematics.links import link_pose
-from trocar.ros.fields import pose
+from trocar.ros.message_fields import pose
 
 Q = [0.1, -0.1, 0.15, 0.3, 0.2, -0.2]
 

@@ -9,7 +9,7 @@ from tests.ros.asking import HOME, joints, quaternion, state, wrench, xyz
 from tests.ros.served import Served
 from trocar.geometry.rotations import rotation_z
 from trocar.geometry.se3 import transform
-from trocar.ros import build
+from trocar.ros import message_builders as build
 from trocar.ros.arm_topics import EVERY, EXTRA, MOVERS
 from trocar.simulation.controllers import CartesianImpedance
 from trocar.simulation.journal import Entry

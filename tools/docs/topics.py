@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TypeVar
 
-from trocar.descriptions import load_rig
-from trocar.ros.compat import TABLES, compatible
+from trocar.descriptions import load_rig, sensors
+from trocar.descriptions.sensor_records import SensorDescription
 from trocar.ros.core import service_table, topic_table
 from trocar.ros.images import camera_topics
-from trocar.ros.scene import SENSORS
+from trocar.ros.scene import sensor_row
 from trocar.ros.topic import Service, Topic
 
 Row = TypeVar("Row", Topic, Service)
@@ -48,7 +47,7 @@ def page() -> str:
             t for t in scene if t.name.count("/") == 1 or t.name.startswith(("scene/ring1", "P"))
         ),
         "## Sensors",
-        _table(("kind", "type", "unit"), ((k, r.type, r.unit, r.help) for k, r in SENSORS.items())),
+        _table(("kind", "type", "unit"), map(_sensor, sensors.KINDS.values())),
         "## Images",
         _others(t for t, of in camera_topics(rig, overlaid=True) if of.eye != "right"),
         "## Services",
@@ -59,9 +58,13 @@ def page() -> str:
                 for s, kinds in _merged(service_table(rig), kind_of)
             ),
         ),
-        *(_older(name) for name in TABLES),
     ]
     return "\n\n".join(parts) + "\n"
+
+
+def _sensor(kind: type[SensorDescription]) -> tuple[str, str, str, str]:
+    row = sensor_row(kind)
+    return kind.kind, row.type, row.unit, row.help
 
 
 def _arms(who: str, topics: Iterable[Topic], kind_of: Mapping[str, str]) -> str:
@@ -88,34 +91,6 @@ def _others(topics: Iterable[Topic]) -> str:
             for name, t in rows.items()
         ),
     )
-
-
-def _older(interface: str) -> str:
-    """Return the topics of an older simulation, of PSM1 and the ECM."""
-    topics, cameras = compatible(load_rig("full_cart"), [interface], print)
-    rows: dict[str, Topic] = {}
-    joints: dict[str, list[str]] = {}
-    for topic in (*topics.values(), *(row for row, _ in cameras)):
-        if topic.arm in ("PSM1", "ECM", ""):
-            joint = re.search(r"/(\w+_joint)/Set", topic.name)
-            if joint and joint[1] not in joints.setdefault(topic.arm, []):
-                joints[topic.arm].append(joint[1])
-            rows.setdefault(topic.name.replace(joint[1], "JOINT") if joint else topic.name, topic)
-    parts = [
-        f"## With `--compat {interface}`",
-        *(
-            f"JOINT of {arm}: {', '.join(f'`{n}`' for n in names)}."
-            for arm, names in joints.items()
-        ),
-        _table(
-            ("topic", "type", "", "unit"),
-            (
-                (name, t.type, {"pub": "published", "sub": "command"}[t.direction], t.unit, t.help)
-                for name, t in rows.items()
-            ),
-        ),
-    ]
-    return "\n\n".join(parts)
 
 
 def _merged(rows: Iterable[Row], kind_of: Mapping[str, str]) -> list[tuple[Row, set[str]]]:

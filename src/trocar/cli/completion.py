@@ -7,7 +7,7 @@ fish: trocar completion fish > ~/.config/fish/completions/trocar.fish
 
 from __future__ import annotations
 
-from argparse import Action, ArgumentParser, Namespace, _SubParsersAction
+from argparse import SUPPRESS, Action, ArgumentParser, Namespace, _SubParsersAction
 from collections.abc import Iterator
 
 SUMMARY = "print a shell completion script"
@@ -47,7 +47,7 @@ def _commands() -> Iterator[tuple[str, str, list[Action]]]:
     # argparse has no public way to list arguments.
     (commands,) = (a for a in build_parser()._actions if isinstance(a, _SubParsersAction))
     for name, parser in commands.choices.items():
-        yield name, COMMANDS[name], parser._actions
+        yield name, COMMANDS[name], [a for a in parser._actions if a.help != SUPPRESS]
 
 
 def _values(action: Action) -> list[str]:

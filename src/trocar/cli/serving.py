@@ -10,13 +10,13 @@ import gc
 import os
 import re
 import sys
-from argparse import ArgumentParser, Namespace
+from argparse import SUPPRESS, ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Sequence
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 from trocar.cli.arguments import add_origin, add_port, allow, names_of, options
 from trocar.cli.worlds import (
@@ -61,13 +61,13 @@ def add_serving(parser: ArgumentParser) -> None:
         --rate HZ:number                 publication rate of states (default: 220, at most 1000)
         --clock wall|sim = wall          message stamps: wall, start time plus simulated time; sim,
                                          simulated time
-        --compat dvrk_env|dvrk_vrep ...  also serve the topics of an older simulator (repeatable)
         --exclusive                      one client per arm: reject commands of others until it
                                          disconnects or is silent for 5 s
         --setpoint-timeout S:number      simulated time after which an arm holds when a client sends
                                          no further effort, wrench or velocity (default: 0.1; 0 =
                                          never, as on the dVRK)
     """)  # fmt: skip
+    clients.add_argument("--compat", type=_compat_removed, nargs="?", const="", help=SUPPRESS)
     assistance = parser.add_argument_group("assistance (docs/assistance.md)")
     options(assistance, """
         --fixture FILE  virtual fixtures, TOML file: forces at masters, and a filter of servo_cp
@@ -75,6 +75,15 @@ def add_serving(parser: ArgumentParser) -> None:
     cameras = parser.add_argument_group("cameras (docs/endoscope.md)")
     add_cameras(cameras)
     add_record_images(cameras)
+
+
+def _compat_removed(name: str) -> NoReturn:
+    """Reject --compat, whose topics of dvrk_env and dvrk_vrep were removed."""
+    topics = name or "dvrk_env and dvrk_vrep"
+    raise ArgumentTypeError(
+        f"the topics of {topics} were removed; use those of the dVRK (docs/topics.md), "
+        "e.g. /PSM1/measured_js and /PSM1/servo_jp"
+    )
 
 
 def allow_headless(args: Namespace) -> None:
@@ -100,7 +109,7 @@ def _allow_served(args: Namespace, shared: bool) -> None:
     if args.foxglove_record is None and not args.foxglove:
         allow(args, "with --foxglove", "foxglove_port")
     if not shared:
-        names = ("rate", "clock", "compat", "exclusive", "setpoint_timeout")
+        names = ("rate", "clock", "exclusive", "setpoint_timeout")
         allow(args, "with a client's interface, e.g. without --no-websocket", *names)
 
 
@@ -181,7 +190,6 @@ def serve(
             core = Core(
                 loop,
                 clock=args.clock,
-                compat=args.compat,
                 pictures=pictures,
                 components=(
                     *(teleoperated if session is None else session.components)(loop, fixtures),

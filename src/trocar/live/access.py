@@ -1,4 +1,4 @@
-"""Who may connect to the sockets of one run: web pages and programs.
+"""Access of web pages and programs to the sockets of one run.
 
 A browser lets every page open a WebSocket to 127.0.0.1. It sends the page's scheme, host and port
 in the header `Origin`, which scripts cannot change; programs that are not browsers send none.
@@ -9,7 +9,7 @@ of the web viewer; the same-origin policy keeps every other page from reading th
 be no second check: browsers send the cookies of a host to all its ports. Pages that the user names
 with --origin need no secret.
 
-With --token, programs, pages that are named and whoever opens the web viewer show the token or the
+With --token, programs, named pages and browsers that open the web viewer show the token or the
 secret. The secret stands in a file that only the user can read, for programs of the same user.
 """
 
@@ -21,7 +21,7 @@ import ipaddress
 import json
 import os
 import secrets
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Generator, Iterable, Mapping
 from http import HTTPStatus
 from pathlib import Path
 from urllib.parse import parse_qs, urlsplit
@@ -65,7 +65,7 @@ class PageAccess:
     def objection(
         self, path: str, headers: Mapping[str, str], viewer: Collection[str]
     ) -> tuple[HTTPStatus, str] | None:
-        """Return why a request to open a WebSocket is refused, or None.
+        """Check a request to open a WebSocket; return status and reason of a rejection, or None.
 
         Args:
             path: what is requested, with its query; `?token=...` shows the token
@@ -92,7 +92,7 @@ class PageAccess:
 
 
 @contextlib.contextmanager
-def announced(addresses: Mapping[str, str]) -> Iterator[Path]:
+def announced(addresses: Mapping[str, str]) -> Generator[Path]:
     """Keep a file with addresses that only this user can read, while the block lasts.
 
     Args:

@@ -1,4 +1,4 @@
-"""The connections of a WebSocket server: bounded, and none stays that takes nothing.
+"""The connections of a WebSocket server: limited in number, closed without progress.
 
 websockets' own keepalive waits until a client reads before it pings, so a client that never reads
 stays for ever (websockets 16.1). Here every client is pinged, and every second its buffer is looked
@@ -20,16 +20,16 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Response
 from websockets.protocol import State
 
-from trocar.live.log_filter import LOG_PERIOD_S
+from trocar.live.pace import LOG_PERIOD_S
 from trocar.simulation.rate_limit import RateLimit, suffix
 
 _log = logging.getLogger("trocar")
 
 # Source: our own choice.
 MOST_CLIENTS = 64
-#: Connections, beyond the clients', that have not asked for anything yet.
+#: Connections that have sent no request yet, besides clients.
 MOST_STRANGERS = 64
-#: Time between two looks at a client, and between a pong and the next ping. [s]
+#: Period of the check of a client, and time between a pong and the next ping. [s]
 LOOK_S = 1.0
 #: A client without progress for so long gives way to a new one, where there is no other place. [s]
 STALE_S = 3.0
@@ -66,7 +66,7 @@ class Connections:
         }
 
     def arrive(self, connection: Connection) -> None:
-        """Note a new connection; when too many have asked for nothing yet, the oldest ends."""
+        """Note a new connection; beyond MOST_STRANGERS without a request, the oldest is closed."""
         self._strangers[connection] = None
         if len(self._strangers) > MOST_STRANGERS:
             oldest = next(iter(self._strangers))
@@ -88,7 +88,7 @@ class Connections:
         return None
 
     def disconnect(self, idle: Connection) -> None:
-        """End a connection that makes no progress; tell of it if it is a client's."""
+        """Close a connection without progress; log a client's."""
         unsaid = None
         if idle in self._clients:
             unsaid = self._rate_limit.due("idle", idle.loop.time())
@@ -106,7 +106,7 @@ class Connections:
 
 
 class Connection(ServerConnection):
-    """A connection that knows when its client last took something.
+    """A connection with the time of its client's last progress.
 
     Attributes:
         paused: whether so much is buffered that the client has to read first

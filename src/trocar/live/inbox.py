@@ -80,7 +80,7 @@ class Inbox:
     """Keep commands in order of arrival; of each stream of set-points only the newest.
 
     Other commands are bounded for each arm: beyond the capacity a new one is rejected, so that a
-    flood for one arm keeps nobody from another.
+    flood for one arm does not block another.
 
     A client that sends enable, home and move_jp in one burst means the move to follow the homing,
     which takes seconds. So commands from topics wait while their arm homes; set-points do not: they

@@ -47,7 +47,7 @@ ASK = "ask"
 LOOP_VERBS = ("pause", "resume", "step", "reset")
 
 PATIENCE_S = 0.005
-"""Simulated time between two looks at commands and at the clock where nobody waits [s]: ticks in
+"""Simulated time between two checks of commands and clock without watchers [s]: ticks in
 between follow each other at once. Source: our own choice, as TICK_S."""
 
 
@@ -55,7 +55,7 @@ class Loop:
     """Step a world tick by tick and let other threads talk to it.
 
     Args:
-        world: what is stepped; nobody else may call it while the loop runs
+        world: is stepped; used by the loop alone while it runs
         speed: "realtime" keeps to the wall clock, "max" runs as fast as it goes
         tick_s: simulated time between two tick boundaries [s], a whole multiple of the timestep;
             when omitted, the one nearest to TICK_S
@@ -144,7 +144,7 @@ class Loop:
         return self._outcome is not None and not self._outcome.done()
 
     def watch(self, watcher: Watcher) -> Callable[[], None]:
-        """Tell a watcher, in the loop's thread, of ticks and refusals; call the result to stop."""
+        """Call a watcher at ticks and rejections, in the loop's thread; call the result to stop."""
         self._watchers += (watcher,)
 
         def stop() -> None:
@@ -153,7 +153,7 @@ class Loop:
         return stop
 
     def post(self, command: Command) -> bool:
-        """Ask for a command at the next tick boundary; return False when it was refused.
+        """Queue a command for the next tick boundary; return False when it was rejected.
 
         Raises:
             UnknownNameError: the command names an arm or object that the rig has not
@@ -238,7 +238,7 @@ class Loop:
         self.wait()
 
     def wait_for(self, motion: Motion, timeout_s: float | None = None) -> bool:
-        """Wait for a move that somebody else's thread holds; return whether it arrived.
+        """Wait for a move from another thread; return whether it arrived.
 
         Args:
             motion: the move
@@ -291,7 +291,7 @@ class Loop:
             watcher.ticked(self._elapsed())
 
     def quiet_ticks(self) -> int:
-        """Return how many ticks may be due at once before somebody wants to look."""
+        """Return the number of ticks that may be stepped together before a watcher is due."""
         return self._patience(None)
 
     def _step(self, ticks: int) -> None:
@@ -300,7 +300,7 @@ class Loop:
             self._ticks += ticks
 
     def _patience(self, last: int | None) -> int:
-        """Return how many ticks may follow each other without a look at the inbox."""
+        """Return the number of ticks that may be stepped together without reading the inbox."""
         most = 1 if self._posted.is_set() or self._inbox.restless else self._longest
         ends = most if last is None else last - self._ticks
         return min(most, ends, *(w.patience() for w in self._watchers))

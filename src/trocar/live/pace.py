@@ -9,13 +9,16 @@ from collections import deque
 from typing import Protocol
 
 from trocar.errors import InputError
-from trocar.live.log_filter import LOG_PERIOD_S
 from trocar.simulation.rate_limit import RateLimit, suffix
 
 _log = logging.getLogger("trocar")
 
+LOG_PERIOD_S = 60.0
+"""Wall time between two log lines of a kind that other programs or a slow machine cause [s].
+Source: our own choice; a line a second hid everything else in ten minutes of abuse."""
+
 GIVE_UP_S = 1.0
-"""Lag beyond which lost time is let go [s]. Source: our own choice: longer than any hiccup of a
+"""Lag beyond which lost time is skipped [s]. Source: our own choice: longer than any hiccup of a
 busy machine, shorter than what a person would like to see replayed in fast motion."""
 
 EARLY_S = 1e-6
@@ -113,7 +116,7 @@ class Pace:
         self._ticks = 0
 
     def wait(self, most: int = 1, until: threading.Event | None = None) -> int:
-        """Return how many ticks are due: once `most` are, and at once when several are late.
+        """Wait until `most` ticks are due, not at all if several are late; return their number.
 
         Args:
             most: how many to wait for, and the most that are returned
@@ -140,7 +143,7 @@ class Pace:
         return self._start + (self._ticks + ahead) * self._period
 
     def _due(self) -> int:
-        """Return how many ticks are due now; let go of time that is too far behind."""
+        """Count the ticks that are due now; skip a lag beyond GIVE_UP_S."""
         lag = self._clock.now() - self._due_s(0)
         if lag > GIVE_UP_S:
             self.let_go_s += lag

@@ -17,24 +17,24 @@ SNAPSHOT_PERIOD_S = 1 / 60
 """Wall time between two published snapshots [s]. Source: our own choice, a monitor's rate."""
 
 LOOKED_AT_S = 0.25
-"""Somebody looks while the last look was no longer ago [s]. Source: our own choice, several times
-the period at which a page looks."""
+"""Time after the last read until which snapshots are made [s]. Source: our own choice, several
+times the period at which the web viewer reads."""
 
 FRESH_S = 0.1
-"""Who looks again after a while waits no longer for a new state than this [s]. Source: our own
-choice, longer than what a loop does in a tick."""
+"""Longest wait of a reader for a new state after a pause [s]. Source: our own choice, longer than
+a tick takes."""
 
 HEALTH_PERIOD_S = 1.0
-"""Wall time between two looks at the health of one arm [s]; arms take turns, since a look takes as
-long as a tick or two. Source: our own choice: people read it."""
+"""Wall time between two health checks of one arm [s]; arms take turns, since a check takes as long
+as a tick or two. Source: our own choice: people read it."""
 
 PATIENT = 1000
-"""Ticks until the next look of a watcher for whom none matters now. Source: our own choice."""
+"""Ticks until the next call of an idle watcher. Source: our own choice."""
 
 
 @dataclass(frozen=True)
 class LoopState:
-    """What the loop shows to its readers, replaced as a whole.
+    """The published state of a loop, replaced as a whole.
 
     Args:
         ticks: ticks since the loop began (a reset does not set them back)
@@ -55,14 +55,14 @@ class LoopState:
 
 @dataclass(frozen=True)
 class Elapsed:
-    """How time has passed in a loop since it began.
+    """Simulated and skipped time of a loop since it began.
 
     Args:
         simulated_s: simulated time, which a reset does not set back [s]
         let_go_s: wall time that the loop was behind and gave up catching up [s]
         paused: True while time does not flow
         stepped: physics periods that were stepped while it did not
-        due_s: when the last tick was due by the loop's clock; None where nobody waits for it [s]
+        due_s: when the last tick was due by the loop's clock; None while ticks are not paced [s]
     """
 
     simulated_s: float
@@ -73,10 +73,10 @@ class Elapsed:
 
 
 class Watcher(Protocol):
-    """Looks on in the loop's thread; what it does there takes time from the physics."""
+    """An observer in the loop's thread, whose time is taken from the physics."""
 
     def ticked(self, elapsed: Elapsed) -> None:
-        """Look at the world after a tick or a few; while paused, after as long without one."""
+        """Observe the world after one or several ticks; while paused, after the same time."""
         ...
 
     def patience(self) -> int:
@@ -91,7 +91,7 @@ class Watcher(Protocol):
 class StatePublisher:
     """Replace the loop's state for its readers, at a monitor's rate however fast the ticks come.
 
-    What nobody reads is not made: to look everywhere takes as long as several ticks.
+    Snapshots without readers are not made: one takes as long as several ticks.
 
     Args:
         world: what is looked at, in the loop's thread only
@@ -122,7 +122,7 @@ class StatePublisher:
         return self._speedometer.factor
 
     def read(self) -> LoopState:
-        """Return the newest state, from any thread; one that nobody read is made anew first."""
+        """Return the newest state, from any thread; an outdated one is renewed first."""
         now = self._clock.now()
         self._read_s = now
         old = now - self._made_s > 2.0 * SNAPSHOT_PERIOD_S
@@ -151,7 +151,7 @@ class StatePublisher:
         self._show(self._look(self._world.health(), ticks, paused, refused))
 
     def _next_health(self, now: float) -> Health:
-        """Look at the arm whose turn it is, when it is time."""
+        """Check the health of the arm whose turn it is, when it is due."""
         health = self._state.health
         names = tuple(health.per_arm)
         if not names or now < self._health_due:

@@ -67,7 +67,7 @@ class Codec:
         of encapsulation, then CDR, not rounded up.
 
         Raises:
-            MessageError: the message is none of the type
+            MessageError: the message is not of the type
         """
         encode = self._encoders.get(kind) or self._made(self._encoders, kind, _encoder)
         return encode(message)
@@ -76,7 +76,7 @@ class Codec:
         """Read a message; every byte belongs to it, but up to three that round up ROS 2's.
 
         Raises:
-            MessageError: the bytes are none of the type
+            MessageError: the bytes are not of the type
         """
         decode = self._decoders.get(kind) or self._made(self._decoders, kind, _decoder)
         return decode(data if isinstance(data, bytes) else bytes(data))
@@ -132,7 +132,7 @@ def _decoder(kind: MessageType, wire: Wire) -> Callable[[bytes], Message]:
 
 
 class WireError(ValueError):
-    """Bytes that are none of the type; the caller adds which type and where."""
+    """Bytes that are not of the type; the caller adds type and field."""
 
 
 @dataclass(frozen=True)
@@ -155,7 +155,7 @@ class Wire:
 
     @property
     def origin(self) -> int:
-        """Where the first value stands."""
+        """Offset of the first value."""
         return len(self.prefix)
 
     def struct(self, codes: str, phase: int) -> Struct:
@@ -455,12 +455,12 @@ def clock_line(kind: str, seconds: str, rest: str) -> str:
 
 
 def wrong_count(count: int) -> None:
-    """Say that an array of so many does not fit."""
+    """Raise that an array has the wrong count."""
     raise WireError(f"got {count} messages")
 
 
 def check_clock(seconds: int, rest: int) -> None:
-    """Say what a time may be."""
+    """Raise that a time is out of range."""
     raise WireError(f"got {seconds} s and {rest} ns; allowed: a time in 1970 to 2038")
 
 

@@ -58,7 +58,7 @@ _writers: dict[tuple[str | MessageType, bool], Writer] = {}
 
 
 def to_json(kind: str | MessageType, message: Message, *, arrays: bool = False) -> dict[str, Any]:
-    """What `json.dumps` takes for a message.
+    """Convert a message to plain values for `json.dumps`.
 
     Args:
         kind: its type
@@ -67,7 +67,7 @@ def to_json(kind: str | MessageType, message: Message, *, arrays: bool = False) 
             and writes null for what is no number: in a quarter of the time
 
     Raises:
-        MessageError: the message is none of the type
+        MessageError: the message is not of the type
     """
     write = _writers.get((kind, arrays))
     if write is None:
@@ -108,7 +108,7 @@ def from_json(kind: str | MessageType, given: object) -> Message:
 def _from_json_slowly(
     kind: MessageType, struct: Any, plain: Plain, given: Any, error: Exception
 ) -> Message:
-    """Read a message with null among its numbers, or say what is wrong with it."""
+    """Read a message with null among its numbers, or raise what is wrong with it."""
     try:
         if isinstance(given, (bytes, msgspec.Raw)):
             given = msgspec.json.decode(given)
@@ -208,7 +208,7 @@ def _default(field: Field) -> Any:
 
 @cache
 def _plain(kind: MessageType) -> Plain:
-    """Return what makes the dict in memory of a checked message."""
+    """Return the function that makes the dict in memory of a checked message."""
     own = [field for field in kind.fields if not field.only_ros1]
     names = [field.name for field in own]
     if not names:

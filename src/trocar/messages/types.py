@@ -70,7 +70,7 @@ class MessageError(InputError):
 
 
 def shown(value: object) -> str:
-    """What was got, short enough for one line, however large it is."""
+    """Return a value as text that fits one line, however large it is."""
     if value is None or isinstance(value, bool | float):
         return repr(value)
     if isinstance(value, int):
@@ -151,7 +151,7 @@ def read_field(line: str, where: str) -> Field:
     """One field from one line, comments allowed.
 
     Raises:
-        InputError: the line is no field; `where` says which file it is of
+        InputError: the line is no field; `where` names its file
     """
     only_ros1 = line.startswith(ROS1_MARK)
     text, _, remark = line.removeprefix(ROS1_MARK).partition("#")
@@ -288,7 +288,7 @@ def _constants(name: str) -> tuple[Constant, ...]:
 
 
 def _md5_text(name: str) -> str:
-    """What ROS 1 hashes: constants, then fields, with a message's own sum for its type."""
+    """Return the text that ROS 1 hashes: constants, then fields, a message's sum for its type."""
     fields = [
         f"{_md5(field.type)} {field.ros1_name}" if field.is_message else field.text(ros1=True)
         for field in _fields(name)
@@ -364,7 +364,7 @@ def blank(kind: str | MessageType) -> Message:
 
 
 def blank_field(field: Field) -> Any:
-    """What a field holds that nobody has set."""
+    """Return the value of a field that was not set."""
     if field.length is not None:
         if field.is_message:
             return [blank(field.type) for _ in range(field.length)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
@@ -130,7 +130,7 @@ def _kind(file: Path) -> str | None:
 
 
 def _files(where: Path, file: str) -> list[Path]:
-    """Return what to read: a file, a rosbag 2's folder, or the files of one without metadata."""
+    """Return the paths to read: a file, a rosbag 2's folder, or its files without metadata."""
     if where.is_file():
         if _kind(where) is None:
             raise LogError(file, f"is not a bag; allowed: {FORMATS}")
@@ -245,7 +245,7 @@ def _image(message: Any, topic: str, file: str) -> NDArray[np.uint8]:
 
 
 @contextmanager
-def _rosbags(file: str) -> Iterator[None]:
+def _rosbags(file: str) -> Generator[None]:
     """Turn the errors of rosbags about a file, and of its absence, into ours."""
     try:
         import apsw  # with rosbags

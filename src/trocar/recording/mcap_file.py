@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.errors import InputError, MissingExtraError
+from trocar.messages import cdr_encode, message_type
 from trocar.recording.entries import entry_json
 from trocar.recording.layout import (
     QUANTITIES,
@@ -33,29 +34,9 @@ Single = NDArray[np.float32]
 
 Array = NDArray[np.float64]
 
-Numbers = NDArray[np.uint64]
 
-
-_RULE = "=" * 80 + "\n"
-_HEADER = (
-    f"{_RULE}MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
-    f"{_RULE}MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
-)
 JOINT_STATE = "sensor_msgs/msg/JointState"
 POSE_STAMPED = "geometry_msgs/msg/PoseStamped"
-#: Definitions in the form of MCAP's registry, "ros2msg": the message, then the types it contains.
-#: Source: ROS 2 common_interfaces and rcl_interfaces, field names and types.
-SCHEMAS = {
-    JOINT_STATE: "std_msgs/Header header\nstring[] name\nfloat64[] position\n"
-    "float64[] velocity\nfloat64[] effort\n" + _HEADER,
-    POSE_STAMPED: "std_msgs/Header header\ngeometry_msgs/Pose pose\n"
-    + _HEADER
-    + f"{_RULE}MSG: geometry_msgs/Pose\nPoint position\nQuaternion orientation\n"
-    + f"{_RULE}MSG: geometry_msgs/Point\nfloat64 x\nfloat64 y\nfloat64 z\n"
-    + f"{_RULE}MSG: geometry_msgs/Quaternion\nfloat64 x\nfloat64 y\nfloat64 z\nfloat64 w\n",
-}
-#: CDR, little endian. Source: DDS-XTYPES 1.3, section 7.6.
-ENCAPSULATION = b"\x00\x01\x00\x00"
 NANOSECONDS = 1_000_000_000
 #: The first and the last bytes of every MCAP file. Source: MCAP specification 1, "Magic".
 MAGIC = b"\x89MCAP0\r\n"
@@ -64,84 +45,40 @@ MAGIC = b"\x89MCAP0\r\n"
 END = struct.pack("<BQ4xBQ20x", 0x0F, 4, 0x02, 20) + MAGIC
 
 
-class Cdr:
-    """One message: its bytes, and the places of its numbers."""
+class StateMessage(NamedTuple):
+    """A ROS message of the recorded states, and its columns in the numbers of an instant.
 
-    def __init__(self, frame_id: str) -> None:
-        self.data = bytearray(ENCAPSULATION)
-        #: Offsets of the numbers in `data`, and the column of each in the values of an instant.
-        self.gaps: list[tuple[int, int]] = []
-        self.data += struct.pack("<iI", 0, 0)  # the stamp, at offset 4
-        self._string(frame_id)
-
-    def joint_state(self, names: Sequence[str], values: Sequence[Sequence[int]]) -> Cdr:
-        """Append names, and gaps for the columns of positions, velocities and efforts."""
-        self._count(len(names))
-        for name in names:
-            self._string(name)
-        for columns in values:
-            self._count(len(columns))
-            self.numbers(columns)
-        return self
-
-    def numbers(self, columns: Sequence[int]) -> Cdr:
-        """Append gaps for numbers; of a pose x, y, z and the quaternion xyzw."""
-        if len(columns):
-            self._align(8)
-        for column in columns:
-            self.gaps.append((len(self.data), column))
-            self.data += bytes(8)
-        return self
-
-    def _align(self, size: int) -> None:
-        self.data += bytes(-(len(self.data) - len(ENCAPSULATION)) % size)
-
-    def _count(self, count: int) -> None:
-        self._align(4)
-        self.data += struct.pack("<I", count)
-
-    def _string(self, text: str) -> None:
-        raw = text.encode() + b"\0"
-        self._count(len(raw))
-        self.data += raw
-
-
-class Instants:
-    """The messages of one instant, filled in for many instants at once.
-
-    Args:
-        messages: all messages of an instant
+    Attributes:
+        topic, schema: "/PSM1/measured_js", JOINT_STATE
+        frame_id: of its header
+        names: joints; () for a pose
+        columns: of positions, velocities and efforts; of a pose one slice of 7, quaternion xyzw
     """
 
-    def __init__(self, messages: Sequence[Cdr]) -> None:
-        ends = np.cumsum([len(m.data) for m in messages], dtype=np.intp)
-        starts = np.concatenate([[0], ends[:-1]]).astype(np.intp)
-        self._slices = list(map(slice, starts.tolist(), ends.tolist()))
-        self._empty = np.frombuffer(b"".join(m.data for m in messages), np.uint8)
-        gaps = [
-            (start + offset, column)
-            for start, message in zip(starts.tolist(), messages, strict=True)
-            for offset, column in message.gaps
-        ]
-        places, self._columns = np.array(gaps, np.intp).reshape(-1, 2).T
-        self._places = (places[:, None] + np.arange(8)).ravel()
-        self._stamps = (starts[:, None] + len(ENCAPSULATION) + np.arange(8)).ravel()
+    topic: str
+    schema: str
+    frame_id: str
+    names: tuple[str, ...]
+    columns: tuple[slice, ...]
 
-    def fill(self, values: Array, stamps: Numbers) -> list[list[bytes]]:
-        """Return the messages of k instants.
+    def encode(self, numbers: Array, stamp: tuple[int, int]) -> bytes:
+        """Return the message in CDR.
 
         Args:
-            values: (k, numbers of an instant)
-            stamps: time in their headers [ns], (k,)
+            numbers: of the instant, as `_messages` numbers them
+            stamp: (s, ns)
         """
-        count = len(values)
-        out = np.tile(self._empty, (count, 1))
-        numbers = np.ascontiguousarray(values[:, self._columns], "<f8")
-        out[:, self._places] = numbers.view(np.uint8).reshape(count, -1)
-        halves = np.stack([stamps // NANOSECONDS, stamps % NANOSECONDS], axis=1).astype("<u4")
-        stamped = halves.view(np.uint8).reshape(count, 8)
-        out[:, self._stamps] = np.tile(stamped, (1, len(self._slices)))
-        return [[row[s] for s in self._slices] for row in map(np.ndarray.tobytes, out)]
+        header = {"stamp": stamp, "frame_id": self.frame_id}
+        if self.schema == JOINT_STATE:
+            q, v, effort = (numbers[part] for part in self.columns)
+            fields = {"name": self.names, "position": q, "velocity": v, "effort": effort}
+            return cdr_encode(JOINT_STATE, {"header": header, **fields})
+        x, y, z, qx, qy, qz, qw = numbers[self.columns[0]].tolist()
+        pose = {
+            "position": {"x": x, "y": y, "z": z},
+            "orientation": {"x": qx, "y": qy, "z": qz, "w": qw},
+        }
+        return cdr_encode(POSE_STAMPED, {"header": header, "pose": pose})
 
 
 #: Simulated time between two ROS messages of a topic [s]. Source: our own choice, 50 Hz.
@@ -368,11 +305,10 @@ class McapFile:
             "timestep": self._timestep,
         }
         self._add(LAYOUT, self._nanoseconds(first), json.dumps(values).encode())
-        messages = _messages(layout)
-        self._instant_channels = [
-            self._channel(topic, schema, SCHEMAS[schema]) for topic, schema, _ in messages
+        self._messages = [
+            (self._channel(m.topic, m.schema, message_type(m.schema).text_ros2), m)
+            for m in _messages(layout)
         ]
-        self._instants = Instants([message for _, _, message in messages])
 
     def _add_instants(self, rows: Rows, values: Array) -> None:
         """Write the ROS messages of those rows that are due."""
@@ -385,41 +321,44 @@ class McapFile:
             tip_poses(rows.layout, self._scratch, states).reshape(len(due), -1),
             object_poses(rows.layout, states).reshape(len(due), -1),
         )
-        stamps = np.round(states[:, 0] * NANOSECONDS).astype(np.uint64)
-        add, channels = self._writer.add_message, self._instant_channels
-        filled = self._instants.fill(np.concatenate(numbers, axis=1), stamps)
-        for row, messages in zip(due.tolist(), filled, strict=True):
-            time, sequence = self._nanoseconds(rows.first + row), self._instants_written
-            for channel, message in zip(channels, messages, strict=True):
-                add(channel, time, message, time, sequence)
+        instants = np.concatenate(numbers, axis=1)
+        for row, simulated, instant in zip(due.tolist(), states[:, 0], instants, strict=True):
+            time = self._nanoseconds(rows.first + row)
+            stamp = divmod(round(float(simulated) * NANOSECONDS), NANOSECONDS)
+            for channel, message in self._messages:
+                data = message.encode(instant, stamp)
+                self._writer.add_message(channel, time, data, time, self._instants_written)
             self._instants_written += 1
 
 
-def _messages(layout: Layout) -> list[tuple[str, str, Cdr]]:
-    """Return (topic, schema, message) of an instant.
+def _messages(layout: Layout) -> list[StateMessage]:
+    """Return the ROS messages of an instant.
 
-    Their numbers are the joints' quantities, then seven of each tip, then seven of each object.
+    Its numbers are the joints' quantities, then seven of each tip, then seven of each object.
     """
-    count, found = len(layout.rest), list[tuple[str, str, Cdr]]()
-    seven = iter(range(len(QUANTITIES) * count, 1 << 30, 7))
+    count, found = len(layout.rest), list[StateMessage]()
+    poses = iter(range(len(QUANTITIES) * count, 1 << 30, 7))
+
+    def pose(topic: str, frame_id: str) -> StateMessage:
+        first = next(poses)
+        return StateMessage(topic, POSE_STAMPED, frame_id, (), (slice(first, first + 7),))
+
     for arm, frame_id in zip(layout.arms, layout.frame_ids, strict=True):
-        columns = range(arm.columns.start, arm.columns.stop)
-        own = len(columns) - arm.jaw
+        own = len(arm.joints) - arm.jaw
         for topic, part in ((f"/{arm.name}", slice(own)), (f"/{arm.name}/jaw", slice(own, None))):
-            names = arm.joints[part]
+            names, columns = arm.joints[part], range(arm.first, arm.columns.stop)[part]
             if not names:
                 continue
-            q, v, effort, goal = ([k * count + c for c in columns[part]] for k in range(4))
-            for name, numbers in (("measured", (q, v, effort)), ("setpoint", (goal, (), ()))):
-                message = Cdr("").joint_state(names, numbers)
-                found.append((f"{topic}/{name}_js", JOINT_STATE, message))
-        first = next(seven)
-        tip = Cdr(frame_id).numbers(range(first, first + 7))
-        found.append((f"/{arm.name}/measured_cp", POSE_STAMPED, tip))
-    for name in layout.objects:
-        first = next(seven)
-        place = Cdr(FRAME).numbers(range(first, first + 7))
-        found.append((f"/scene/{name}/measured_cp", POSE_STAMPED, place))
+            q, v, effort, goal = (
+                slice(columns.start + k * count, columns.stop + k * count) for k in range(4)
+            )
+            for name, numbers in (
+                ("measured", (q, v, effort)),
+                ("setpoint", (goal, slice(0), slice(0))),
+            ):
+                found.append(StateMessage(f"{topic}/{name}_js", JOINT_STATE, "", names, numbers))
+        found.append(pose(f"/{arm.name}/measured_cp", frame_id))
+    found += [pose(f"/scene/{name}/measured_cp", FRAME) for name in layout.objects]
     return found
 
 

@@ -23,22 +23,25 @@ from trocar.simulation import World
 #: Version of the trocar channels and metadata; the reader rejects every other one.
 FORMAT = 3
 
-#: What every recording says of itself.
-ABOUT = {"trocar", "mujoco", "numpy", "machine", "rig", "rig_source", "rig_fingerprint"}
-ABOUT |= {"arguments", "timestep_s", "start_s", "start_period", "repeatable"}
+#: Keys that every recording has.
+ABOUT = {
+    *("trocar", "mujoco", "numpy", "machine", "rig", "rig_source", "rig_fingerprint"),
+    *("arguments", "timestep_s", "start_s", "start_period", "repeatable"),
+}
 
 #: Fields that were added to the records later: left out of the fingerprint where they are empty or
 #: as they are by default.
-YOUNGER = {"movable", "friction", "density", "stiffness", "joint", "bands", "prop", "grasp"}
-YOUNGER |= {"errors"}
+YOUNGER = {
+    *("movable", "friction", "density", "stiffness", "joint", "bands", "prop", "grasp"),
+    "errors",
+}
 #: Fields that name Python files, whose content counts; left out likewise.
 SCRIPTS = {"script", "extension"}
 #: Records that were renamed: the names in the fingerprints of older recordings.
 FIRST_NAMES = {"TwistSensor": "Twist"}
-#: Fields that motion does not depend on: origins, titles, cameras.
-REMARKS = {"file", "source", "title", "calibration", "overlay", "cameras"}
-#: Dynamics are in the bodies, and in overlays, which are kept whole.
-REMARKS |= {"dynamics"}
+#: Fields that motion does not depend on: origins, titles, cameras. Dynamics are in the bodies, and
+#: in overlays, which are kept whole.
+REMARKS = {"file", "source", "title", "calibration", "overlay", "cameras", "dynamics"}
 
 
 def world_metadata(world: World) -> dict[str, str]:

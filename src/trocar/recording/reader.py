@@ -41,7 +41,7 @@ DAMAGED = KeyError, TypeError, ValueError, AttributeError, RecursionError
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
-    """What a recording holds, its states apart: these are read block by block.
+    """The contents of a recording but for its states, which are read block by block.
 
     Attributes:
         file: where it is
@@ -127,7 +127,7 @@ class Recorded:
         return ArmStates(arm, np.concatenate(times), *table)
 
     def columns(self, name: str) -> ArmColumns | None:
-        """Return where an arm's joints are in the first layout that has it."""
+        """Return an arm's columns in the first layout that has it."""
         found = (arm for arms in self.layouts.values() for arm in arms if arm.name == name)
         return next(found, None)
 

@@ -14,9 +14,9 @@ from trocar.descriptions.endoscopes import ENDOSCOPES
 from trocar.descriptions.mounting import fitting_tools
 from trocar.descriptions.records import ArmDescription, RigArm
 from trocar.live.inbox import Command
-from trocar.ros import build
+from trocar.ros import message_builders as build
 from trocar.ros.clock import Stamp
-from trocar.ros.fields import (
+from trocar.ros.message_fields import (
     RefusedError,
     flag,
     joints,
@@ -76,7 +76,7 @@ NO_TOOL = ("", "none", "NONE")
 
 
 def _joints(prefix: str, part: str = "own") -> Callable[[ArmReadout, Stamp], Any]:
-    """Return what makes a JointState: prefix "" for measured, "setpoint_" for set-points."""
+    """Return the maker of a JointState: prefix "" for measured, "setpoint_" for set-points."""
     q, qd, effort = f"{prefix}q", f"{prefix}qd", f"{prefix}effort"
 
     def make(arm: ArmReadout, stamp: Stamp) -> Any:
@@ -455,7 +455,7 @@ def arm_topics(arm: RigArm, acts: Mapping[str, Act]) -> list[Topic]:
 
 
 def _bound_make(make: Any, name: str) -> Any:
-    return lambda figures, stamp: make(figures.arm(name), stamp)
+    return lambda readings, stamp: make(readings.arm(name), stamp)
 
 
 def _bound_read(read: Any, name: str, topic: str, acts: Mapping[str, Act]) -> Any:

@@ -11,7 +11,7 @@ from typing import Literal
 from trocar.errors import UnknownNameError
 from trocar.live.state import Elapsed
 from trocar.messages.types import SECOND
-from trocar.ros.fields import RefusedError, shown
+from trocar.ros.message_fields import RefusedError, shown
 
 #: (seconds, nanoseconds), as messages carry times.
 Stamp = tuple[int, int]
@@ -58,7 +58,7 @@ class Stamper:
         self.elapsed_s = 0.0
 
     def advance(self, elapsed: Elapsed, wall_s: float) -> None:
-        """Note how time has passed; `wall_s` tells how long pauses last, from any zero [s]."""
+        """Advance to the loop's time; pauses are measured by `wall_s`, from any zero [s]."""
         first = self._seen_s is None
         if elapsed.paused and self._seen_s is not None:
             self._idle_s += max(0.0, wall_s - self._seen_s)
@@ -92,7 +92,7 @@ class Stamper:
 
 
 class Beat:
-    """Tell when something that comes so often is due, by absolute time: nothing adds up.
+    """A periodic event on absolute time, so that no error adds up.
 
     Args:
         rate_hz: how often
@@ -105,7 +105,7 @@ class Beat:
         self._rate, self._count = rate_hz, -1
 
     def due(self, elapsed_s: float) -> bool:
-        """Tell whether the next one is due; those that were missed are left out."""
+        """Return whether the next one is due; missed ones are left out."""
         count = int((elapsed_s + self.SLACK_S) * self._rate)
         if count <= self._count:
             return False
@@ -113,7 +113,7 @@ class Beat:
         return True
 
     def since(self, elapsed_s: float) -> float:
-        """Return how long ago the last one was due [s]."""
+        """Return the time since the last one was due [s]."""
         return elapsed_s - self._count / self._rate
 
     def left(self, elapsed_s: float) -> float:
@@ -129,7 +129,7 @@ class StampCheck:
         self._newest: OrderedDict[tuple[str, str], tuple[Stamp, float]] = OrderedDict()
 
     def __len__(self) -> int:
-        """Return how many streams are remembered."""
+        """Count the streams that are remembered."""
         return len(self._newest)
 
     def check(self, stream: tuple[str, str], sent: Stamp, now_s: float) -> None:

@@ -15,9 +15,9 @@ from trocar.errors import InputError
 from trocar.live.inbox import Command
 from trocar.live.loop import Loop
 from trocar.live.state import PATIENT, Elapsed
-from trocar.ros import build
+from trocar.ros import message_builders as build
 from trocar.ros.arm_topics import Act, state_verb
-from trocar.ros.fields import RefusedError, button, number, text, vector
+from trocar.ros.message_fields import RefusedError, button, number, text, vector
 from trocar.ros.topic import (
     BOOL,
     COMMAND,

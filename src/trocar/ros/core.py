@@ -31,8 +31,7 @@ from trocar.live.loop import Loop
 from trocar.ros import console, images, tf
 from trocar.ros.arm_topics import arm_topics
 from trocar.ros.clock import FIRST_NS, Mode, StampCheck, Stamper
-from trocar.ros.compat import compatible
-from trocar.ros.fields import RefusedError, stamp
+from trocar.ros.message_fields import RefusedError, stamp
 from trocar.ros.publishing import Publishing
 from trocar.ros.robot_model import robot_model
 from trocar.ros.sample import Sample
@@ -115,7 +114,6 @@ class Core:
         camera_rate_hz: of images
         clock: "wall" or "sim": time of header stamps
         first_ns: where simulated time begins [ns]
-        compat: names of older interfaces to serve as well
         pictures: what draws for the cameras; None: there are no topics of cameras
         components: served beside the arms
         exclusive: reject commands for an arm that another client commands, all but `AT_ONCE`
@@ -137,7 +135,6 @@ class Core:
         camera_rate_hz: float = CAMERA_RATE_HZ,
         clock: Mode = "wall",
         first_ns: int = FIRST_NS,
-        compat: Sequence[str] = (),
         components: Sequence[Component] = (),
         pictures: Pictures | None = None,
         exclusive: bool = False,
@@ -153,17 +150,15 @@ class Core:
                 raise InputError(f"{name}: got {got:g} Hz; allowed: above 0 to {RATE_MAX_HZ:g} Hz")
         self.loop, self.rate_hz, self.camera_rate_hz = loop, rate_hz, camera_rate_hz
         loop.commanders.exclusive = exclusive
-        self.compat, self._components = tuple(compat), tuple(components)
+        self._components = tuple(components)
         rig, self._arms = loop.world.rig, loop.world.arms
         self.prefixes = {arm.name: prefix(arm.name, arm.arm) for arm in rig.arms}
         self._bedside = console.Bedside(self.emit)
-        older, older_cameras = compatible(rig, compat, loop.post)
         seen: tuple[tuple[Topic, images.Origin], ...] = ()
         if pictures is not None:
-            drawn = images.camera_topics(rig, overlaid=pictures.overlay is not None)
-            seen = (*drawn, *older_cameras)
+            seen = tuple(images.camera_topics(rig, overlaid=pictures.overlay is not None))
         topics = by_name(topic_table(rig, self.emit, self._bedside))
-        topics |= {**older, **by_name(topic for topic, _ in seen)}
+        topics |= by_name(topic for topic, _ in seen)
         for part in self._components:
             topics |= part.topics
         for part in self._components:
@@ -373,7 +368,7 @@ class Core:
 
     @property
     def skipped(self) -> int:
-        """How many samples were left out because publishing could not keep up."""
+        """Number of samples that were left out because publishing could not keep up."""
         return self._sampler.skipped
 
     # ------------------------------------------------------------------ inside
@@ -416,7 +411,7 @@ class Core:
             self._send(batches)
 
     def _made(self, sample: Sample) -> list[tuple[Transport, Batch]]:
-        """Return what each transport is to send of a sample."""
+        """Make the messages of a sample for each transport."""
         wanted = self._wanted()
         every = self._sampler.wanted = frozenset[str]().union(*(names for _, names in wanted))
         if DESCRIPTION in every and self._thread is not None and self._described is not sample.rig:
@@ -433,7 +428,7 @@ class Core:
                 self._hand(transport, batch)
 
     def _wanted(self) -> list[tuple[Transport, frozenset[str]]]:
-        """Return what each running transport wants."""
+        """Return each running transport with the topics that have subscribers."""
         found: list[tuple[Transport, frozenset[str]]] = []
         for transport in self._running:
             try:
@@ -508,7 +503,7 @@ def service_table(rig: RigDescription) -> tuple[Service, ...]:
 
 
 def _both(first: Read | None, then: Read) -> Read:
-    """Return what reads a message twice: into the commands of both."""
+    """Return a reader whose commands are those of two readers."""
 
     def read(message: Mapping[str, Any], arm: Any) -> list[Command]:
         found: list[Command] = []

@@ -28,11 +28,11 @@ from trocar.errors import InputError
 from trocar.live.images import SLACK_S, ImageRenderer, Order, Packer, Pictures, Shot, shots
 from trocar.messages import cdr_encode, message_type
 from trocar.recording import Extra, recorder_of
-from trocar.ros.build import header
 from trocar.ros.clock import SECOND, Beat, Stamp
+from trocar.ros.message_builders import header
 from trocar.ros.sample import Sample
 from trocar.ros.sampler import Sampler
-from trocar.ros.tf import EYES, eyes_of, frame_name
+from trocar.ros.tf import eyes_of, frame_name
 from trocar.ros.topic import IMAGES, Message, Topic
 
 if TYPE_CHECKING:
@@ -93,14 +93,6 @@ def camera_topics(rig: RigDescription, *, overlaid: bool = False) -> Iterator[tu
     for camera in rig.cameras:
         names = PLAIN + BESIDE + (OVERLAID if overlaid else ())
         yield from rows_of(camera.name, camera.kind, names)
-
-
-def endoscope_eyes(rig: RigDescription) -> Iterator[tuple[str, str]]:
-    """Yield the first endoscope's name with each of its eyes; nothing without one."""
-    for camera in rig.cameras:
-        if camera.kind == "endoscope":
-            yield from ((camera.name, eye) for eye in EYES)
-            return
 
 
 def rows_of(

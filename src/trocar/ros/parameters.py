@@ -102,7 +102,7 @@ class Parameters:
         return found
 
     def problem(self, name: str, value: object) -> str:
-        """Return why a parameter cannot be set to a value, or ""."""
+        """Return the reason that a parameter cannot be set to a value, or ""."""
         controller, letter = _parts(name)
         if controller not in self.controllers or letter not in LETTERS:
             read_only = name in (MODEL, SIMULATED)

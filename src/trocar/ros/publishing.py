@@ -1,4 +1,4 @@
-"""Messages from samples: states that are wanted, and every event."""
+"""Messages from samples: states with subscribers, and every event."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from trocar.errors import TrocarError
 from trocar.ros.clock import Beat, Stamp
-from trocar.ros.sample import Event, Figures, Sample
+from trocar.ros.sample import Event, Sample, SampleReadings
 from trocar.ros.topic import Content, Message, Topic
 from trocar.simulation.readout import Reader
 from trocar.simulation.records import ArmStatus
@@ -59,7 +59,7 @@ class Publishing:
         self.latched: dict[str, Message] = {}
 
     def states(self, sample: Sample, wanted: Iterable[frozenset[str]]) -> list[Out]:
-        """Return what is published every period: for each transport, of the topics it wants."""
+        """Make the messages of a period: for each transport, those of its subscribed topics."""
         wanted = list(wanted)
         every = frozenset[str]().union(*wanted)
         fresh, self._before = every - self._before, every
@@ -67,17 +67,17 @@ class Publishing:
         self._newest = sample
         made: dict[str, tuple[Topic, Message]] = {}
         with self._lock:
-            figures = self._figures(sample)
+            readings = self._readings(sample)
             for name in every:
                 topic = self._topics.get(name)
                 if topic is None or topic.make is None:
                     continue
                 if topic.rate == "tf" and not (due or name in fresh):
                     continue
-                message = self._made(topic, figures, sample.stamp)
+                message = self._made(topic, readings, sample.stamp)
                 if message is not None:
                     made[name] = topic, message
-            figures.readout.let_go()
+            readings.readout.let_go()
         return [[made[name] for name in names if name in made] for names in wanted]
 
     def last(self, name: str) -> Message | None:
@@ -90,13 +90,13 @@ class Publishing:
         if topic is None or topic.make is None or sample is None:
             return self.latched.get(name)
         with self._lock:
-            figures = self._figures(sample)
-            message = self._made(topic, figures, sample.stamp)
-            figures.readout.let_go()
+            readings = self._readings(sample)
+            message = self._made(topic, readings, sample.stamp)
+            readings.readout.let_go()
         return message
 
     def events(self, sample: Sample) -> Out:
-        """Return what happened since the last sample, with the latched topics that follow."""
+        """Make the messages of events since the last sample, and of latched topics that changed."""
         out: Out = []
         for event in sample.events:
             self._add(out, event, sample.stamp)
@@ -120,10 +120,10 @@ class Publishing:
                     self._add(out, Event(topic.name, first(arm)), sample.stamp)
         return out
 
-    def _figures(self, sample: Sample) -> Figures:
+    def _readings(self, sample: Sample) -> SampleReadings:
         if self._reader is None or self._reader.model is not sample.world.model:
             self._reader = Reader(sample.world.model)
-        return Figures(sample, self._reader.read(sample.world))
+        return SampleReadings(sample, self._reader.read(sample.world))
 
     def _add(self, out: Out, event: Event, stamp: Stamp) -> None:
         topic = self._topics.get(event.name)
@@ -140,10 +140,10 @@ class Publishing:
             self.latched[event.name] = message
         out.append((topic, message))
 
-    def _made(self, topic: Topic, figures: Figures, stamp: Stamp) -> Message | None:
+    def _made(self, topic: Topic, readings: SampleReadings, stamp: Stamp) -> Message | None:
         """Make a message; one that cannot be made is left out, and logged once."""
         try:
-            return topic.make(figures, stamp) if topic.make else None
+            return topic.make(readings, stamp) if topic.make else None
         except (TrocarError, np.linalg.LinAlgError) as problem:
             if topic.name not in self._complained:
                 self._complained.add(topic.name)

@@ -1,4 +1,4 @@
-"""The rig as viewers of ROS want it: a URDF with its meshes, and where its hinges stand.
+"""The rig for ROS viewers: a URDF with its meshes, and the positions of its hinges.
 
 Frames of CRTK (`Cart`, `PSM1_base`) are not the links of these names: a link that would have the
 name of such a frame ends in `_link` here.
@@ -26,7 +26,7 @@ from trocar.kinematics.forward import coordinates, pose
 
 Array = NDArray[np.float64]
 
-#: What a link's name ends in where it would have the name of a frame.
+#: Suffix of a link's name that would equal the name of a frame.
 LINK = "_link"
 #: The root of every URDF. Source: `modeling.links`.
 WORLD = "world"
@@ -93,7 +93,7 @@ def without_clashes(model: LinkModel, taken: set[str]) -> LinkModel:
 
 
 def frames(rig: RigDescription) -> tuple[str, ...]:
-    """Return the names of every frame that poses are told in or of."""
+    """Return the names of every frame of published poses."""
     own = (arm.own_frame for arm in rig.arms)
     return tuple(dict.fromkeys([*own, *(arm.name for arm in rig.arms), DISPLAY]))
 
@@ -116,7 +116,7 @@ def fixed_frames(rig: RigDescription) -> dict[str, Array]:
 
 @dataclass(frozen=True, eq=False)
 class Hinges:
-    """How the hinges of an arm that move on their own follow its joints: ratio @ q + offset."""
+    """Map from joints of an arm to its hinges with a motion of their own: ratio @ q + offset."""
 
     names: tuple[str, ...]
     ratio: Array

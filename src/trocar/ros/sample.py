@@ -71,7 +71,7 @@ class SceneSample:
         return dict(zip(self.objects.names, at, strict=True))
 
 
-def look(world: World, wanted: frozenset[str]) -> SceneSample:
+def scene_sample(world: World, wanted: frozenset[str]) -> SceneSample:
     """Copy a scene, in the thread that steps it.
 
     Args:
@@ -121,7 +121,7 @@ class Sample:
 
 
 @dataclass(frozen=True, eq=False)
-class Figures:
+class SampleReadings:
     """A sample and the readings of its arms: the source of messages."""
 
     sample: Sample

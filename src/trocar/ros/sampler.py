@@ -13,7 +13,7 @@ from trocar.live.inbox import Command
 from trocar.live.loop import Loop
 from trocar.live.state import Elapsed
 from trocar.ros.clock import Beat, Stamper
-from trocar.ros.sample import Event, Sample, look
+from trocar.ros.sample import Event, Sample, scene_sample
 from trocar.simulation.journal import Entry
 from trocar.simulation.records import ArmSample, WorldSample
 
@@ -39,11 +39,16 @@ DESIRED = {
     "resume": "ENABLED",
 }
 #: Events of the journal that are topics, and the value that is their data.
-PLAIN = {"goal_reached": "reached", "error": "text", "warning": "text", "status": "text"}
-PLAIN |= {"grasp/slipped": "object", "grasp/dropped": "object"}
+PLAIN = {
+    "goal_reached": "reached",
+    **dict.fromkeys(("error", "warning", "status"), "text"),
+    **dict.fromkeys(("grasp/slipped", "grasp/dropped"), "object"),
+}
 #: Verbs whose end clients wait for.
-MOVES = {"move_jp", "move_jr", "move_cp", "move_to", "jaw.move_jp", "jaw.move_jr", "home"}
-MOVES |= {"jaw.open", "jaw.close"}
+MOVES = {
+    *("move_jp", "move_jr", "move_cp", "move_to", "home"),
+    *("jaw.move_jp", "jaw.move_jr", "jaw.open", "jaw.close"),
+}
 
 
 def desired_state(entry: Entry) -> str | None:
@@ -55,7 +60,7 @@ def desired_state(entry: Entry) -> str | None:
 
 
 def behind_s(rate_hz: float, tick_s: float) -> float | None:
-    """Return how long after they are due by their rate samples' messages go out [s]; None: at once.
+    """Return the delay of messages after their samples are due by the rate [s]; None: no delay.
 
     A sample shows the first tick from then on. Sent a fixed time later, and not as soon as it is
     ready, it comes as evenly as its rate, not as ticks and threads happen to come.
@@ -126,7 +131,7 @@ class Sampler:
 
     @property
     def events_waiting(self) -> int:
-        """How many events wait for the next sample."""
+        """Number of events that wait for the next sample."""
         return len(self._events)
 
     def ticked(self, elapsed: Elapsed) -> None:
@@ -153,7 +158,7 @@ class Sampler:
         self._samples.put(self.look(self._sample(passed, due_s)))
 
     def patience(self) -> int:
-        """Return how many ticks may follow each other at once.
+        """Return the number of ticks that may be stepped together.
 
         They end with the sample that is due next, or a tick before it where a subscriber waits for
         it: those before would delay it.
@@ -171,7 +176,7 @@ class Sampler:
         """Copy the world; arms for which commands wait are busy."""
         world = self._loop.world
         events = tuple(self._drained())
-        stamp, scene, seen = self._stamper.stamp(), look(world, self.wanted), world.sample()
+        stamp, scene, seen = self._stamper.stamp(), scene_sample(world, self.wanted), world.sample()
         if self._held:
             seen = replace(seen, arms={**seen.arms, **self._waiting(seen)})
         return Sample(stamp, passed, seen, events, scene, due_s=due_s)

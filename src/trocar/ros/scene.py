@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions.records import RigDescription
-from trocar.descriptions.sensor_records import SensorDescription
+from trocar.descriptions.sensor_records import SensorDescription, SensorReading
 from trocar.descriptions.sensors import (
     ContactsReading,
     EffortReading,
@@ -26,11 +26,11 @@ from trocar.descriptions.sensors import (
 )
 from trocar.geometry.rotations import matrix_from_quaternion
 from trocar.live.inbox import Command
-from trocar.ros import build
-from trocar.ros.build import Message
+from trocar.ros import message_builders as build
 from trocar.ros.clock import Stamp
-from trocar.ros.fields import RefusedError, field, joints, pose, shown, text, wrench
-from trocar.ros.sample import CONTACTS, Figures, sensor_topic
+from trocar.ros.message_builders import Message
+from trocar.ros.message_fields import RefusedError, field, joints, pose, shown, text, wrench
+from trocar.ros.sample import CONTACTS, SampleReadings, sensor_topic
 from trocar.ros.topic import (
     BOOL,
     EMPTY,
@@ -109,10 +109,9 @@ def scene_topics(rig: RigDescription) -> list[Topic]:
         for arm in rig.arms:
             rows += _grasp_rows(arm.name) if arm.arm.fingers else []
     for sensor in rig.sensors:
-        row = SENSORS[sensor.kind]
-        rows.append(
-            state(sensor_topic(sensor.name), row.type, row.unit, row.help, _reading_of(sensor, row))
-        )
+        row = sensor_row(type(sensor))
+        make = _reading_of(sensor, row)
+        rows.append(state(sensor_topic(sensor.name), row.type, row.unit, row.help, make))
     return rows
 
 
@@ -120,8 +119,8 @@ def _grasp_rows(arm: str) -> list[Topic]:
     """Return the rows of what an arm's jaw has between its pads."""
 
     def make(key: str, of: Callable[[Grasp], str | float]) -> Topic:
-        def message(figures: Figures, stamp: Stamp) -> Message | None:  # noqa: ARG001
-            found = figures.sample.scene.grasps.get(arm)
+        def message(readings: SampleReadings, stamp: Stamp) -> Message | None:  # noqa: ARG001
+            found = readings.sample.scene.grasps.get(arm)
             return None if found is None else {"data": of(found)}
 
         kind, unit, text = GRASP[key]
@@ -176,8 +175,8 @@ def _put(name: str, message: Mapping[str, Any], _: object) -> Command:
 
 
 def _place_of(index: int) -> Make:
-    def make(figures: Figures, stamp: Stamp) -> Message | None:
-        seen = figures.sample.scene.objects
+    def make(readings: SampleReadings, stamp: Stamp) -> Message | None:
+        seen = readings.sample.scene.objects
         if seen is None:
             return None
         w, x, y, z = seen.quaternions[index].tolist()
@@ -189,8 +188,8 @@ def _place_of(index: int) -> Make:
 
 
 def _speed_of(index: int) -> Make:
-    def make(figures: Figures, stamp: Stamp) -> Message | None:
-        seen = figures.sample.scene.objects
+    def make(readings: SampleReadings, stamp: Stamp) -> Message | None:
+        seen = readings.sample.scene.objects
         if seen is None:
             return None
         turn = matrix_from_quaternion(seen.quaternions[index])
@@ -201,8 +200,8 @@ def _speed_of(index: int) -> Make:
 
 
 def _joint_of(index: int, name: str) -> Make:
-    def make(figures: Figures, stamp: Stamp) -> Message | None:
-        seen = figures.sample.scene.objects
+    def make(readings: SampleReadings, stamp: Stamp) -> Message | None:
+        seen = readings.sample.scene.objects
         if seen is None:
             return None
         q, qd = seen.joint[index]
@@ -211,12 +210,12 @@ def _joint_of(index: int, name: str) -> Make:
     return make
 
 
-def _time(figures: Figures, stamp: Stamp) -> Message:  # noqa: ARG001  as every make
-    return {"data": figures.sample.world.time}
+def _time(readings: SampleReadings, stamp: Stamp) -> Message:  # noqa: ARG001  as every make
+    return {"data": readings.sample.world.time}
 
 
-def _contacts(figures: Figures, stamp: Stamp) -> Message | None:
-    table = figures.sample.scene.contacts
+def _contacts(readings: SampleReadings, stamp: Stamp) -> Message | None:
+    table = readings.sample.scene.contacts
     if table is None:
         return None
     rows = zip(table.bodies, table.points, table.normals, table.forces, table.depths, strict=True)
@@ -249,7 +248,7 @@ def contact(
 
 @dataclass(frozen=True)
 class SensorRow:
-    """How sensors of a kind are published.
+    """The messages of a kind of sensors.
 
     Attributes:
         type: of the message
@@ -265,12 +264,12 @@ class SensorRow:
 
 
 def _reading_of(sensor: SensorDescription, row: SensorRow) -> Make:
-    """Return what makes a sensor's message; one with a rate publishes each of its samples once."""
+    """Return the maker of a sensor's messages; with a rate, each sample is published once."""
     published = -1.0
 
-    def make(figures: Figures, stamp: Stamp) -> Message | None:
+    def make(readings: SampleReadings, stamp: Stamp) -> Message | None:
         nonlocal published
-        reading = figures.sample.scene.readings.get(sensor.name)
+        reading = readings.sample.scene.readings.get(sensor.name)
         if reading is None or (sensor.rate and reading.time == published):
             return None
         published = reading.time
@@ -327,7 +326,28 @@ def _twist(reading: TwistReading, _: object, stamp: Stamp) -> Message:
     return build.twist_stamped(stamp, reading.frame_id, both)
 
 
-#: {kind: how it is published}; one for each kind of `trocar.descriptions.sensors`.
+def _numbers(reading: SensorReading, _: object, stamp: Stamp) -> Message:
+    """Return a JointState with every number of a reading: "speed", "force[0]", ..."""
+    names: list[str] = []
+    numbers: list[float] = []
+    for value in reading.units:
+        array = np.asarray(getattr(reading, value), dtype=np.float64)
+        places = [list(at) for at in np.ndindex(array.shape)] if array.ndim else [""]
+        names += [f"{value}{at}" for at in places]
+        numbers += array.ravel().tolist()
+    message = build.joints(stamp, names, np.array(numbers), NOTHING, NOTHING)
+    return message | {"header": build.header(stamp, reading.frame_id)}
+
+
+def sensor_row(kind: type[SensorDescription]) -> SensorRow:
+    """Return the messages of a kind of sensors: as in SENSORS, else every number by its name."""
+    units = ", ".join(dict.fromkeys(unit for _, unit in kind.values.values()))
+    text = (kind.__doc__ or kind.kind).partition("\n")[0].rstrip(".")
+    other = SensorRow(JOINTS, units, f"position: {text[:1].lower()}{text[1:]}", _numbers)
+    return SENSORS.get(kind.kind, other)
+
+
+#: {kind: its messages}, of kinds for which ROS has a type of its own.
 SENSORS = {
     "joint_effort": SensorRow(JOINTS, "N m, N", "effort of a motor", _effort),
     "tip_wrench": SensorRow(WRENCH, FORCE, "external load on an instrument", _wrench),

@@ -19,9 +19,9 @@ from trocar.kinematics.coupling import Coupling, joint_from_actuator
 from trocar.kinematics.links import link_pose
 from trocar.live.loop import Loop
 from trocar.messages import ServiceType, blank, cdr_decode, cdr_encode
-from trocar.ros import build
+from trocar.ros import message_builders as build
 from trocar.ros.clock import Stamper
-from trocar.ros.fields import Message, pose, vector
+from trocar.ros.message_fields import Message, pose, vector
 from trocar.ros.topic import Service
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ Answer = dict[str, Any]
 
 #: Largest command or call in bytes of ROS. Source: our own choice; a JointState has a few hundred.
 LARGEST = 1_000_000
-#: Source: CRTK as the dVRK 2.4 tells it.
+#: Source: CRTK as reported by the dVRK 2.4.
 CRTK_VERSION = "1.1.0"
 #: Joints 3 and 4 of a master hang on its motors 2 and 3. Source: SAW share/kinematic/MTML.json.
 MTM_ACTUATORS = np.eye(7)
@@ -124,9 +124,8 @@ def _forward(local: bool) -> Callable[[Arm, Message], Answer]:
         """Return the pose of the link that as many joints lead to as there are numbers."""
         try:
             q = vector(request, "jp")
-            T = _link(arm, q)
-            if not local:
-                T = arm.base_frame()[0] @ T
+            T_base_link = _link(arm, q)
+            T = T_base_link if local else arm.base_frame()[0] @ T_base_link
         except TrocarError as problem:
             return {"cp": build.pose(np.eye(4)), "result": False, "message": str(problem)}
         return {"cp": build.pose(T), "result": True, "message": ""}
@@ -161,7 +160,7 @@ def _version(arm: Arm, request: Message) -> Answer:  # noqa: ARG001  as every an
 
 
 def _state(arm: Arm, request: Message) -> Answer:  # noqa: ARG001
-    """Return the operating state; whoever sends it adds the header."""
+    """Return the operating state without its header."""
     now = arm.operating_state()
     fields = {"state": now.state, "is_homed": now.is_homed, "is_busy": now.is_busy}
     return {"operating_state": fields}

@@ -16,10 +16,10 @@ from trocar.cameras.records import bend
 from trocar.descriptions.records import RigDescription
 from trocar.kinematics.forward import pose
 from trocar.kinematics.mechanism import Mechanism
-from trocar.ros import build
+from trocar.ros import message_builders as build
 from trocar.ros.clock import Stamp
 from trocar.ros.robot_model import WORLD, fixed_frames, hinge_states
-from trocar.ros.sample import Figures
+from trocar.ros.sample import SampleReadings
 from trocar.ros.topic import JOINTS, STRING, Message, Topic, latched, state
 from trocar.simulation.cameras import CameraRecord
 
@@ -40,10 +40,10 @@ def eyes_of(kind: str) -> tuple[str, ...]:
     return EYES if kind == "endoscope" else ("",)
 
 
-def _tf(figures: Figures, stamp: Stamp) -> Message:
+def _tf(readings: SampleReadings, stamp: Stamp) -> Message:
     """Return arms' bases and tips in the frames of their poses, and objects; nothing fixed."""
     found: dict[str, Message] = {}
-    sample = figures.sample
+    sample = readings.sample
     fixed = fixed_frames(sample.rig)
 
     def add(parent: str, child: str, T: Array) -> None:
@@ -51,7 +51,7 @@ def _tf(figures: Figures, stamp: Stamp) -> Message:
             found[child] = build.transform_stamped(stamp, parent, child, T)
 
     for rig_arm in sample.rig.arms:
-        arm = figures.arm(rig_arm.name)
+        arm = readings.arm(rig_arm.name)
         base, frame = arm.base
         if frame == arm.own_frame:
             add(WORLD, frame, arm.reference_in_world)
@@ -107,21 +107,21 @@ def _eyes(parent: str, record: CameraRecord, T_parent_camera: Array, name: str) 
         yield parent, frame_name(name, eye), T_parent_camera @ mount
 
 
-def _joint_states(figures: Figures, stamp: Stamp) -> Message:
+def _joint_states(readings: SampleReadings, stamp: Stamp) -> Message:
     """Return every hinge of the rig's URDF that follows no other."""
-    arms = figures.sample.arms
+    arms = readings.sample.arms
     q, qd = ({name: getattr(arm, key) for name, arm in arms.items()} for key in ("q", "qd"))
-    names, position, velocity = hinge_states(figures.sample.rig, q, qd)
+    names, position, velocity = hinge_states(readings.sample.rig, q, qd)
     return build.joints(stamp, names, position, velocity, np.zeros(0))
 
 
-def clock(figures: Figures, stamp: Stamp) -> Message:  # noqa: ARG001  as every make
+def clock(readings: SampleReadings, stamp: Stamp) -> Message:  # noqa: ARG001  as every make
     """Return a rosgraph_msgs/Clock."""
     return {"clock": stamp}
 
 
 def viewer_topics() -> tuple[Topic, ...]:
-    """Return what viewers of ROS subscribe to; the clock is made only where time is simulated."""
+    """Return the topics of ROS viewers; `clock` has a maker only where time is simulated."""
     says = "simulated time, with --clock sim"
     return (
         state("tf", TF, "m, quaternion xyzw", "every frame in its parent", _tf, "tf"),

@@ -13,7 +13,7 @@ from typing import Any, Literal
 from trocar.descriptions.records import ArmDescription
 from trocar.live.inbox import Command
 from trocar.ros.clock import Stamp
-from trocar.ros.sample import Figures
+from trocar.ros.sample import SampleReadings
 from trocar.simulation.records import ArmStatus
 
 #: A message in memory: its fields by their names in ROS 2, nested; times are (s, ns).
@@ -21,7 +21,7 @@ Message = dict[str, Any]
 Direction = Literal["pub", "sub"]
 Rate = Literal["state", "event", "tf", "camera", "clock"]
 #: Makes a message from a sample; None where there is none, as of the jaw of a tool without one.
-Make = Callable[[Figures, Stamp], "Message | None"]
+Make = Callable[[SampleReadings, Stamp], "Message | None"]
 #: Checks a message, for an arm as it is now or for none, and returns the commands that it is.
 Read = Callable[[Mapping[str, Any], Any], "Command | Sequence[Command]"]
 #: Publishes an event: a topic and the fields of its message, the header left out.

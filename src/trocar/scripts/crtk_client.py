@@ -100,7 +100,7 @@ class ral:  # noqa: N801  as scripts call it
         return self._node.Duration(float(d))
 
     def create_rate(self, rate_hz: float) -> Any:
-        """Return what keeps a loop to a frequency [Hz]."""
+        """Return a rate that keeps a loop to a frequency [Hz]."""
         return self._node.Rate(rate_hz)
 
     def create_time(self) -> Any:
@@ -137,7 +137,7 @@ class ral:  # noqa: N801  as scripts call it
         *args: Any,  # noqa: ARG002  rospy's and rclpy's own
         **kwargs: Any,  # noqa: ARG002
     ) -> Any:
-        """Return what publishes to a topic of this namespace."""
+        """Return a publisher of a topic of this namespace."""
         name = f"/{self._named(topic)}"
         made = self._node.Publisher(name, msg_type, latch=latch, queue_size=queue_size)
         self._publishers.append(made)
@@ -160,7 +160,7 @@ class ral:  # noqa: N801  as scripts call it
         return made
 
     def service_client(self, name: str, srv_type: Any) -> Any:
-        """Return what calls a service of this namespace."""
+        """Return a caller of a service of this namespace."""
         return self._node.ServiceProxy(f"/{self._named(name)}", srv_type)
 
     service_proxy = service_client
@@ -192,7 +192,7 @@ class ral:  # noqa: N801  as scripts call it
         raise TimeoutError(text[:-1] + self._hint(every))
 
     def latest(self, topic: str, kind: str) -> Any:
-        """Return what has the newest message of a topic; `kind` as "sensor_msgs/JointState"."""
+        """Return a holder of the newest message of a topic; `kind` as "sensor_msgs/JointState"."""
         made = Latest(self._node, f"/{self._named(topic)}", self.message(kind))
         self._subscribers.append(made)
         return made
@@ -208,7 +208,7 @@ class ral:  # noqa: N801  as scripts call it
         return self._node.wait(ready, timeout_s)
 
     def look(self) -> None:
-        """Note that the script looks at a reading."""
+        """Count a reading by the script: time passes in loops of readings alone."""
         self._node.flow.look()
 
     @staticmethod
@@ -422,7 +422,7 @@ class OperatingStateClient:
         return self._now(lambda data: data.state == "DISABLED")
 
     def is_busy(self, start_time: Any = None, extra: Any = None) -> Any:
-        """Return whether the arm is busy; it counts as busy until a newer state says otherwise."""
+        """Return whether the arm is busy; it counts as busy until a newer state."""
         start = self._ral.now() if start_time is None else start_time
 
         def busy(data: Any) -> bool:
@@ -672,7 +672,7 @@ def _efforts(message: Any, setpoint: Any) -> Any:
 
 
 def _filled(part: str, fill: Callable[[Any, Any], Any]) -> Callable[..., Any]:
-    """Return what fills a part of a message with a set-point, and returns the message."""
+    """Return a function that fills a part of a message with a set-point and returns it."""
 
     def put(message: Any, setpoint: Any) -> Any:
         fill(setpoint, getattr(message, part))

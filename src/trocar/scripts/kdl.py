@@ -32,12 +32,12 @@ EPSILON = 1e-6
 class Vector:
     """Three numbers [m], or another vector's."""
 
-    __slots__ = ("_v",)
+    __slots__ = ("xyz",)
     __hash__ = None  # type: ignore[assignment]  it can be changed
 
     def __init__(self, x: Any = 0.0, y: float = 0.0, z: float = 0.0) -> None:
-        given = x._v if isinstance(x, Vector) else (x, y, z)
-        self._v = np.array(given, dtype=np.float64)
+        given = x.xyz if isinstance(x, Vector) else (x, y, z)
+        self.xyz = np.array(given, dtype=np.float64)
 
     @classmethod
     def Zero(cls) -> Vector:
@@ -58,78 +58,78 @@ class Vector:
 
     def Norm(self) -> float:
         """Return the length."""
-        return float(np.linalg.norm(self._v))
+        return float(np.linalg.norm(self.xyz))
 
     def Normalize(self) -> float:
         """Make the length 1; return what it was."""
         length = self.Norm()
-        self._v[:] = self._v / length if length > EPSILON else (1.0, 0.0, 0.0)
+        self.xyz[:] = self.xyz / length if length > EPSILON else (1.0, 0.0, 0.0)
         return length
 
     def _entry(self, which: int, value: float | None) -> float:
         if value is not None:
-            self._v[which] = value
-        return float(self._v[which])
+            self.xyz[which] = value
+        return float(self.xyz[which])
 
     def __getitem__(self, which: int) -> float:
-        return float(self._v[which])
+        return float(self.xyz[which])
 
     def __setitem__(self, which: int, value: float) -> None:
-        self._v[which] = value
+        self.xyz[which] = value
 
     def __iter__(self) -> Iterator[float]:
-        return iter(self._v.tolist())
+        return iter(self.xyz.tolist())
 
     def __len__(self) -> int:
         return 3
 
     def __add__(self, other: Vector) -> Vector:
-        return Vector(*(self._v + other._v))
+        return Vector(*(self.xyz + other.xyz))
 
     def __sub__(self, other: Vector) -> Vector:
-        return Vector(*(self._v - other._v))
+        return Vector(*(self.xyz - other.xyz))
 
     def __neg__(self) -> Vector:
-        return Vector(*(-self._v))
+        return Vector(*(-self.xyz))
 
     def __mul__(self, other: Any) -> Vector:
         """Return the product with a number, or the cross product with a vector."""
-        found = np.cross(self._v, other._v) if isinstance(other, Vector) else self._v * other
+        found = np.cross(self.xyz, other.xyz) if isinstance(other, Vector) else self.xyz * other
         return Vector(*found)
 
     def __rmul__(self, factor: float) -> Vector:
-        return Vector(*(self._v * factor))
+        return Vector(*(self.xyz * factor))
 
     def __truediv__(self, divisor: float) -> Vector:
-        return Vector(*(self._v / divisor))
+        return Vector(*(self.xyz / divisor))
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Vector) and Equal(self, other)
 
     def __repr__(self) -> str:
-        return f"[{', '.join(f'{value:12.6g}' for value in self._v)}]"
+        return f"[{', '.join(f'{value:12.6g}' for value in self.xyz)}]"
 
 
 class Rotation:
     """A rotation: of nine numbers row by row, or another's."""
 
-    __slots__ = ("_R",)
+    __slots__ = ("matrix",)
     __hash__ = None  # type: ignore[assignment]  it can be changed
 
     def __init__(self, *numbers: Any) -> None:
         if len(numbers) == 1 and isinstance(numbers[0], Rotation):
-            self._R = numbers[0]._R.copy()
+            self.matrix = numbers[0].matrix.copy()
         elif len(numbers) == 3 and all(isinstance(one, Vector) for one in numbers):
-            self._R = np.stack([one._v for one in numbers], axis=1)
+            self.matrix = np.stack([one.xyz for one in numbers], axis=1)
         elif len(numbers) in (0, 9):
-            self._R = np.array(numbers or np.eye(3), dtype=np.float64).reshape(3, 3)
+            self.matrix = np.array(numbers or np.eye(3), dtype=np.float64).reshape(3, 3)
         else:
             raise TypeError(f"Rotation: got {len(numbers)} values; allowed: none, 9, or 3 vectors")
 
     @classmethod
     def _of(cls, R: Array) -> Rotation:
         made = cls()
-        made._R = np.array(R, dtype=np.float64)
+        made.matrix = np.array(R, dtype=np.float64)
         return made
 
     @classmethod
@@ -175,18 +175,18 @@ class Rotation:
     @classmethod
     def Rot(cls, axis: Vector, angle: float) -> Rotation:
         """Return a turn about an axis of any length [rad]."""
-        return cls._of(matrix_from_rotation_vector(angle * axis._v / max(axis.Norm(), 1e-300)))
+        return cls._of(matrix_from_rotation_vector(angle * axis.xyz / max(axis.Norm(), 1e-300)))
 
     Rot2 = Rot
 
     def GetQuaternion(self) -> tuple[float, float, float, float]:
         """Return x, y, z, w."""
-        w, x, y, z = (float(value) for value in quaternion_from_matrix(self._R))
+        w, x, y, z = (float(value) for value in quaternion_from_matrix(self.matrix))
         return x, y, z, w
 
     def GetRPY(self) -> tuple[float, float, float]:
         """Return roll, pitch and yaw [rad]."""
-        roll, pitch, yaw = (float(value) for value in rpy_from_matrix(self._R))
+        roll, pitch, yaw = (float(value) for value in rpy_from_matrix(self.matrix))
         return roll, pitch, yaw
 
     def GetEulerZYX(self) -> tuple[float, float, float]:
@@ -196,7 +196,7 @@ class Rotation:
 
     def GetRot(self) -> Vector:
         """Return the axis, as long as the angle [rad]."""
-        return Vector(*rotation_vector_from_matrix(self._R))
+        return Vector(*rotation_vector_from_matrix(self.matrix))
 
     def GetRotAngle(self, *_: float) -> tuple[float, Vector]:
         """Return the angle [rad] and the axis."""
@@ -206,56 +206,56 @@ class Rotation:
 
     def DoRotX(self, angle: float) -> None:
         """Turn about its own x [rad]."""
-        self._R = self._R @ rotation_x(angle)
+        self.matrix = self.matrix @ rotation_x(angle)
 
     def DoRotY(self, angle: float) -> None:
         """Turn about its own y [rad]."""
-        self._R = self._R @ rotation_y(angle)
+        self.matrix = self.matrix @ rotation_y(angle)
 
     def DoRotZ(self, angle: float) -> None:
         """Turn about its own z [rad]."""
-        self._R = self._R @ rotation_z(angle)
+        self.matrix = self.matrix @ rotation_z(angle)
 
     def Inverse(self, vector: Vector | None = None) -> Any:
         """Return the inverse, or that times a vector."""
         if vector is not None:
-            return Vector(*(self._R.T @ vector._v))
-        return Rotation._of(self._R.T)
+            return Vector(*(self.matrix.T @ vector.xyz))
+        return Rotation._of(self.matrix.T)
 
     def SetInverse(self) -> None:
         """Become the inverse."""
-        self._R = self._R.T.copy()
+        self.matrix = self.matrix.T.copy()
 
     def UnitX(self) -> Vector:
         """Return the x axis."""
-        return Vector(*self._R[:, 0])
+        return Vector(*self.matrix[:, 0])
 
     def UnitY(self) -> Vector:
         """Return the y axis."""
-        return Vector(*self._R[:, 1])
+        return Vector(*self.matrix[:, 1])
 
     def UnitZ(self) -> Vector:
         """Return the z axis."""
-        return Vector(*self._R[:, 2])
+        return Vector(*self.matrix[:, 2])
 
     def __getitem__(self, where: tuple[int, int]) -> float:
-        return float(self._R[where])
+        return float(self.matrix[where])
 
     def __setitem__(self, where: tuple[int, int], value: float) -> None:
-        self._R[where] = value
+        self.matrix[where] = value
 
     def __mul__(self, other: Any) -> Any:
         if isinstance(other, Vector):
-            return Vector(*(self._R @ other._v))
+            return Vector(*(self.matrix @ other.xyz))
         if isinstance(other, Rotation):
-            return Rotation._of(self._R @ other._R)
+            return Rotation._of(self.matrix @ other.matrix)
         return NotImplemented
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Rotation) and Equal(self, other)
 
     def __repr__(self) -> str:
-        return "[" + ";\n ".join(", ".join(f"{n:12.6g}" for n in row) for row in self._R) + "]"
+        return "[" + ";\n ".join(", ".join(f"{n:12.6g}" for n in row) for row in self.matrix) + "]"
 
 
 class KdlFrame:
@@ -266,11 +266,11 @@ class KdlFrame:
         M: the axes; what is assigned is copied
     """
 
-    __slots__ = ("_M", "_p")
+    __slots__ = ("_p", "_rotation")
     __hash__ = None  # type: ignore[assignment]  it can be changed
 
     def __init__(self, *parts: Any) -> None:
-        self._M, self._p = Rotation(), Vector()
+        self._rotation, self._p = Rotation(), Vector()
         for part in parts:
             if isinstance(part, KdlFrame):
                 self.M, self.p = part.M, part.p
@@ -300,38 +300,38 @@ class KdlFrame:
     @property
     def M(self) -> Rotation:
         """The axes."""
-        return self._M
+        return self._rotation
 
     @M.setter
     def M(self, value: Rotation) -> None:
-        self._M = Rotation(value)
+        self._rotation = Rotation(value)
 
     def Inverse(self) -> KdlFrame:
         """Return the inverse."""
-        M = self._M.Inverse()
+        M = self._rotation.Inverse()
         return KdlFrame(M, -(M * self._p))
 
     def __mul__(self, other: Any) -> Any:
         if isinstance(other, KdlFrame):
-            return KdlFrame(self._M * other._M, self * other._p)
+            return KdlFrame(self._rotation * other._rotation, self * other._p)
         if isinstance(other, Vector):
-            return self._M * other + self._p
+            return self._rotation * other + self._p
         return NotImplemented
 
     def __getitem__(self, where: tuple[int, int]) -> float:
         row, column = where
-        return self._p[row] if column == 3 else self._M[row, column]
+        return self._p[row] if column == 3 else self._rotation[row, column]
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, KdlFrame) and Equal(self, other)
 
     def __repr__(self) -> str:
-        return f"[{self._M!r}\n{self._p!r}]"
+        return f"[{self._rotation!r}\n{self._p!r}]"
 
 
 def dot(a: Vector, b: Vector) -> float:
     """Return the scalar product."""
-    return float(a._v @ b._v)
+    return float(a.xyz @ b.xyz)
 
 
 def Equal(a: Any, b: Any, eps: float = EPSILON) -> bool:
@@ -341,11 +341,11 @@ def Equal(a: Any, b: Any, eps: float = EPSILON) -> bool:
 
 def _numbers(value: Any) -> Array:
     if isinstance(value, Vector):
-        return value._v
+        return value.xyz
     if isinstance(value, Rotation):
-        return value._R
+        return value.matrix
     if isinstance(value, KdlFrame):
-        return np.column_stack([value.M._R, value.p._v])
+        return np.column_stack([value.M.matrix, value.p.xyz])
     return np.asarray(value, dtype=np.float64)
 
 

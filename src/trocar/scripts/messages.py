@@ -4,6 +4,9 @@ A script sees ROS 1's names and attributes; `fields_of` and `message_of` turn it
 core's dicts and back. Times have rospy's attributes, and the names that ROS 2 gives them.
 """
 
+# Public attributes of genpy's classes begin with an underscore.
+# pyright: reportPrivateUsage=false
+
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
@@ -82,7 +85,7 @@ class Ticks:
         return self.nanoseconds == 0
 
     def _kind(self) -> type[Ticks]:
-        """Return what it can be compared with."""
+        """Return the key of comparisons."""
         return Duration if isinstance(self, Duration) else Time
 
     def __bool__(self) -> bool:
@@ -154,7 +157,7 @@ class Time(Ticks):
 
 
 class Rate:
-    """Keep a loop to a frequency, as rospy's does: late turns are caught up, old ones let go.
+    """Keep a loop to a frequency, as rospy's does: late turns are caught up, old ones skipped.
 
     Args:
         rate_hz: how often
@@ -172,7 +175,7 @@ class Rate:
         self._last = now_ns()
 
     def remaining(self) -> Duration:
-        """Return how long it is until the next turn is due."""
+        """Return the time until the next turn is due."""
         return Duration.of(self._period - (self._now() - self._last))
 
     def sleep(self) -> None:

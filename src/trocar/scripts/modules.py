@@ -6,7 +6,7 @@ import importlib.util
 import os
 import re
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
@@ -100,7 +100,7 @@ def _module(name: str, names: Mapping[str, Any], text: str) -> ModuleType:
 
 
 @contextmanager
-def on_import(modules: Mapping[str, ModuleType], folder: Path) -> Iterator[None]:
+def on_import(modules: Mapping[str, ModuleType], folder: Path) -> Generator[None]:
     """Let modules be found by their names, and a folder searched first, until the block ends.
 
     What the script imports meanwhile is forgotten afterwards, where it may hold on to them.

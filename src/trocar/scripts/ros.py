@@ -4,6 +4,9 @@ An installed crtk_python_client stands on it as well. Source of names and behavi
 documentation (ROS 1 Noetic).
 """
 
+# Public attributes of genpy's classes begin with an underscore.
+# pyright: reportPrivateUsage=false
+
 from __future__ import annotations
 
 import sys
@@ -177,7 +180,7 @@ class Node:
         self.flow.sleep(duration.to_sec() if isinstance(duration, Duration) else duration)
 
     def Rate(self, hz: float, reset: bool = False) -> Rate:  # noqa: ARG002
-        """Return what keeps a loop to a frequency [Hz]."""
+        """Return a rate that keeps a loop to a frequency [Hz]."""
         return Rate(hz, self.flow.now_ns, self.sleep)
 
     def wait_for_message(self, topic: str, topic_type: Any, timeout: Any = None) -> Any:
@@ -236,7 +239,7 @@ class Node:
         return log
 
     def _throttled(self, level: str) -> Callable[..., None]:
-        """Return what logs a text once in a period [s]."""
+        """Return a function that logs a text once in a period [s]."""
         log_now, last = self._logger(level), dict[str, float]()
 
         def log(period: float, text: Any, *args: Any) -> None:

@@ -52,7 +52,7 @@ class ScriptError(TrocarError):
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run ended.
+    """The end of a run.
 
     Attributes:
         status: exit status of the script, 1 after an error of its own
@@ -144,7 +144,7 @@ def _join(flow: Flow) -> None:
 
 
 def _outcome(watchdog: Watchdog, work: Callable[[], None]) -> int:
-    """Do something that a script asks for; return its exit status."""
+    """Run a script's code; return its exit status."""
     status, script = 0, watchdog.script
     try:
         work()
@@ -240,7 +240,7 @@ class Watchdog:
             faulthandler.cancel_dump_traceback_later()
 
     def error(self, line: int) -> ScriptError:
-        """Return what to raise, with the number of the script's line where it was, 0: unknown."""
+        """Return the error to raise, with the line number in the script, 0 if unknown."""
         text = linecache.getline(str(self.script), line).strip() if line else ""
         where = f"; it was at line {line}: {text}" if line else ""
         return ScriptError(self.script, f"not finished after {self._timeout:g} s{where}")
@@ -373,7 +373,7 @@ def _parts(tree: ast.AST) -> Iterator[str]:
 
 
 def _imported(tree: ast.AST) -> tuple[set[str], list[str]]:
-    """Return what a script calls dvrk, and the names that it imports from it."""
+    """Return a script's name of the module dvrk, and the names that it imports from it."""
     modules: set[str] = set()
     names: list[str] = []
     for node in ast.walk(tree):

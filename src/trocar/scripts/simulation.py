@@ -3,6 +3,9 @@
 script -> crtk.ral -> Node -> Bus -> Core -> the loop of a World
 """
 
+# Public attributes of genpy's classes begin with an underscore.
+# pyright: reportPrivateUsage=false
+
 from __future__ import annotations
 
 import logging
@@ -20,7 +23,7 @@ from trocar.live.loop import SERVER_TICK_S, Loop
 from trocar.live.pace import nearest_tick
 from trocar.ros.clock import SECOND, Beat
 from trocar.ros.core import Batch, Component, Core
-from trocar.ros.sample import Figures, Sample
+from trocar.ros.sample import Sample, SampleReadings
 from trocar.ros.topic import Topic
 from trocar.scripts.messages import Message, fields_of, message_of
 from trocar.scripts.virtual_time import Scheduler
@@ -202,7 +205,7 @@ class Stepped:
     """Steps a world in its script's thread, whenever that waits.
 
     Args:
-        world: nobody else may call it
+        world: used by this object alone
         limit_s: simulated time after which the script has to be over [s]; None: none
         parts: makes what is served beside the arms, of the loop
         rates: `rate_hz` and the like of the `Core`
@@ -237,7 +240,7 @@ class Stepped:
         self._beat = Beat(self.core.rate_hz)
         self._calls: deque[Callable[[], None]] = deque()
         self._reader = Reader(world.model)
-        self._seen: Figures | None = None
+        self._seen: SampleReadings | None = None
         self._limit_s, self.steps = limit_s, 0
         self._tick_ns = round(tick_s * SECOND)
         self.scheduler = Scheduler(self._clock_ns, self._step, self._tick_ns)
@@ -273,7 +276,7 @@ class Stepped:
         return seconds * SECOND + rest
 
     def peek(self, name: str) -> dict[str, Any] | None:
-        """Return what a topic of an arm that is published every period would send now."""
+        """Return the message that a periodic topic of an arm would have now."""
         topic = self.core.topics[name]
         if topic.make is None or not topic.arm:
             return None
@@ -281,7 +284,7 @@ class Stepped:
             if self._reader.model is not self.world.model:  # a tool was exchanged
                 self._reader = Reader(self.world.model)
             sample = Sample(self.core.stamper.now(), self.simulated_s, self.world.sample())
-            self._seen = Figures(sample, self._reader.read(sample.world))
+            self._seen = SampleReadings(sample, self._reader.read(sample.world))
         return topic.make(self._seen, self._seen.sample.stamp)
 
     def fail(self, failure: BaseException) -> None:
@@ -309,7 +312,7 @@ class Stepped:
                 complain()
 
     def _ticks(self, most_ns: int | None) -> int:
-        """Return how many ticks may pass at once: commands that wait act in the first."""
+        """Return the number of ticks to step together: waiting commands act in the first."""
         if self.bus.posted:
             self.bus.posted = False
             return 1
@@ -337,8 +340,8 @@ class Live:
     """Steps a world in a thread of its own; functions of the script are called in another.
 
     Args:
-        world: nobody else may call it
-        begin: starts the loop; whoever shows it as well may do so
+        world: used by this object alone
+        begin: starts the loop, and a viewer of it where there is one
         parts: makes what is served beside the arms, of the loop
         rates: `rate_hz` and the like of the `Core`
 
@@ -374,7 +377,7 @@ class Live:
         self.wait(lambda: self.core.stamper.elapsed_s > 0.0, 10.0)
 
     def close(self) -> None:
-        """End, and let go of every thread."""
+        """End, and stop every thread."""
         self._calls.put(None)
         self.core.close()
         self.loop.close()

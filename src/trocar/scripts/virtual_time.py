@@ -15,7 +15,7 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from types import ModuleType
@@ -48,7 +48,7 @@ class Waiter:
 
 
 class Scheduler:
-    """Hand the turn from thread to thread, and let time pass when nobody else can go on.
+    """Run one thread at a time, and advance time when none can continue.
 
     Args:
         now_ns: returns the time [ns]
@@ -103,7 +103,7 @@ class Scheduler:
         self.wait(lambda: False, seconds)
 
     def look(self) -> None:
-        """Count a look at the clock or a reading; time passes when a script does nothing else."""
+        """Count a reading of clock or topic; time advances when a script does nothing else."""
         now = self.now_ns()
         if now != self._looked_ns:
             self._looks, self._looked_ns = 0, now
@@ -133,7 +133,7 @@ class Scheduler:
         return threading.get_ident() == self._main
 
     def _most(self, *more: Waiter) -> int | None:
-        """Return how much time may pass until somebody gives up waiting [ns]."""
+        """Return the time until the first wait times out [ns]."""
         ends = [w.until_ns for w in (*self._waiting, *more) if w.until_ns is not None]
         return min(ends) - self.now_ns() if ends else None
 
@@ -296,7 +296,7 @@ def thread_classes(scheduler: Scheduler) -> dict[str, Any]:
     exec(compile(ast.Module(chosen, []), str(threading.__file__), "exec"), names)
 
     class VirtualEvent(names["Event"]):
-        """An event; a look at it may let time pass."""
+        """An event; reading it may advance time."""
 
         def is_set(self) -> bool:
             scheduler.look()
@@ -355,7 +355,7 @@ def virtual_modules(scheduler: Scheduler) -> dict[str, ModuleType]:
 
 
 @contextmanager
-def answering(scheduler: Scheduler) -> Iterator[None]:
+def answering(scheduler: Scheduler) -> Generator[None]:
     """Let time pass whenever the script waits for a line, until the block ends."""
     read = builtins.input
 

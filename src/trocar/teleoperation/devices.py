@@ -72,7 +72,7 @@ class DeviceCommand:
 
     @property
     def opening(self) -> float:
-        """How fast the gripper opens [rad/s]."""
+        """Opening speed of the gripper [rad/s]."""
         return self.pace * GRIP * self.grip
 
 
@@ -286,7 +286,7 @@ STICKS, TRIGGERS = (0, 1, 2, 3), (4, 5)
 
 
 class Gamepad:
-    """The first gamepad that SDL knows; one that is unplugged may come back.
+    """The first gamepad of SDL; an unplugged one may come back.
 
     Raises:
         MissingExtraError: the library is not installed
@@ -482,7 +482,7 @@ SOURCES: dict[str, Callable[[], Source]] = {"gamepad": Gamepad, "spacemouse": Sp
 #: Period of polling. Source: our own choice, twice as often as hands tremble. [s]
 PERIOD_S = 0.01
 #: Period of the search for a device that is unplugged: listing devices takes a system's time.
-#: Source: our own choice: hardly longer than somebody waits who plugs one in. [s]
+#: Source: our own choice: short for a person who plugs one in. [s]
 RETRY_S = 1.0
 
 

@@ -34,14 +34,14 @@ class Hands:
 
     @staticmethod
     def of(readings: Sequence[MasterReading]) -> Hands:
-        """Return where two hands are, the left one first."""
+        """Return the positions of two hands, the left one first."""
         left, right = (reading.T[:3, 3] for reading in readings)
         middle = 0.5 * (left + right)
         up = np.cross(right - left, middle)
         return Hands(middle, up / max(float(np.linalg.norm(up)), 1e-12))
 
     def moved(self, before: Hands, scale: float) -> Array:
-        """Return how the hands moved: right, up (as angles at the eyes), near, clockwise, (4,).
+        """Return the motion of the hands: right, up (as angles at the eyes), near, clockwise, (4,).
 
         Source: SAW mtsTeleOperationECM.cpp, RunEnabled.
 

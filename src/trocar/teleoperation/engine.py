@@ -15,7 +15,7 @@ from trocar.errors import InputError, UnknownNameError
 from trocar.live.inbox import Command
 from trocar.live.loop import Loop
 from trocar.live.state import PATIENT, Elapsed
-from trocar.ros import build
+from trocar.ros import message_builders as build
 from trocar.simulation.journal import WORLD
 from trocar.teleoperation.component import (
     ALIGNING,

@@ -88,18 +88,18 @@ class Master:
     """
 
     name: str
-    #: Whether a hand feels what `exert` sets.
+    #: Whether `exert` acts on a hand.
     exerts = False
 
     def objection(self, world: World) -> str:  # noqa: ARG002
-        """Return why it cannot be used, "" when it can."""
+        """Return the reason that it cannot be used, "" when it can."""
         return ""
 
     def prepare(self, world: World) -> None:
-        """Ask it to become usable; that may take a while."""
+        """Request that it becomes usable, which may take seconds."""
 
     def read(self, world: World) -> MasterReading:
-        """Return where it is.
+        """Return its pose.
 
         Raises:
             MasterLostError: it reports nothing any longer
@@ -130,7 +130,7 @@ class Master:
 
 
 def arm_objection(arm: Arm) -> str:
-    """Return why an arm cannot be used, "" when it can."""
+    """Return the reason that an arm cannot be used, "" when it can."""
     state = arm.operating_state()
     if state.state != "ENABLED":
         return f'{arm.name} is not in state "ENABLED" but "{state.state}"'
@@ -167,7 +167,7 @@ class ArmMaster(Master):
         self._nudged = 0.0
 
     def objection(self, world: World) -> str:
-        """Return why the arm cannot be used, "" when it can."""
+        """Return the reason that the arm cannot be used, "" when it can."""
         return arm_objection(world.arm(self.name))
 
     def prepare(self, world: World) -> None:
@@ -176,7 +176,7 @@ class ArmMaster(Master):
         prepare_arm(world.arm(self.name))
 
     def read(self, world: World) -> MasterReading:
-        """Return where the handle is measured, and its gripper."""
+        """Return the measured pose of the handle, and its gripper."""
         arm = world.arm(self.name)
         if self._base is None:
             self._base = arm.base_frame()[0]
@@ -263,7 +263,7 @@ class VirtualMaster(Master):
         self.name, self._now, self.scale = name, now, scale
         self.drive = STILL
         self._received: float | None = None
-        self._T = self._before = translation(PLACE)
+        self._pose = self._before = translation(PLACE)
         self._gripper = WIDEST
         self._read_at = -1.0
 
@@ -281,12 +281,12 @@ class VirtualMaster(Master):
         self.drive, self._received = STILL, None
 
     def objection(self, world: World) -> str:  # noqa: ARG002
-        """Return why it cannot be used: the device sends nothing."""
+        """Return the reason that it cannot be used: the device sends nothing."""
         return "" if self.alive else f"{self.name} sends nothing"
 
     def prepare(self, world: World) -> None:
         """Begin in the middle."""
-        self._T = transform(self._T[:3, :3], PLACE)
+        self._pose = transform(self._pose[:3, :3], PLACE)
         self._read_at = world.time
 
     def read(self, world: World) -> MasterReading:
@@ -303,14 +303,14 @@ class VirtualMaster(Master):
         if period > 0.0:
             drive, pace = self.drive, CAMERA_PACE if self.drive.camera else 1.0
             turn = matrix_from_rotation_vector(pace * period * drive.angular)
-            place = self._T[:3, 3] + pace * period * drive.linear
-            self._before, self._T = self._T, transform(turn @ self._T[:3, :3], place)
+            place = self._pose[:3, 3] + pace * period * drive.linear
+            self._before, self._pose = self._pose, transform(turn @ self._pose[:3, :3], place)
             self.match_gripper(self._gripper + period * drive.opening)
-        return MasterReading(self._T, self._gripper, present=True)
+        return MasterReading(self._pose, self._gripper, present=True)
 
     def align(self, world: World, R: Array) -> str:  # noqa: ARG002
         """Turn at once: nothing is in the way."""
-        self._T = transform(R, self._T[:3, 3])
+        self._pose = transform(R, self._pose[:3, 3])
         return ""
 
     def match_gripper(self, opening: float) -> None:
@@ -319,7 +319,7 @@ class VirtualMaster(Master):
 
     def step_back(self) -> None:
         """Go back to the reading before."""
-        self._T = self._before
+        self._pose = self._before
 
 
 class HandOf(Master):
@@ -336,7 +336,7 @@ class HandOf(Master):
         self._offset = np.array([APART if left else -APART, 0.0, 0.0])
 
     def objection(self, world: World) -> str:
-        """Return why the master cannot be used."""
+        """Return the reason that the master cannot be used."""
         return self._master.objection(world)
 
     def prepare(self, world: World) -> None:
@@ -345,7 +345,7 @@ class HandOf(Master):
         self._master.align(world, np.eye(3))
 
     def read(self, world: World) -> MasterReading:
-        """Return where the hand is.
+        """Return the hand's pose.
 
         Raises:
             MasterLostError: as the master does

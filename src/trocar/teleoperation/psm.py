@@ -168,12 +168,10 @@ class PsmTeleoperation(TeleopComponent):
 
     def goal(self, T: Array) -> Array:
         """Return the tip's pose for the handle at T, as the surgeon sees both, (4, 4)."""
-        p, R = self._to[:3, 3], self._to[:3, :3]
+        p = self._to[:3, 3]
         if not self.translation_locked:
             p = p + self.scale * (T[:3, 3] - self._from[:3, 3])
-        if not self.rotation_locked:
-            R = T[:3, :3] @ self.offset
-        return transform(R, p)
+        return transform(self._to[:3, :3] if self.rotation_locked else T[:3, :3] @ self.offset, p)
 
     # ------------------------------------------------------------------ states
 

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from trocar.geometry.rotations import angle_between
 from trocar.geometry.se3 import transform
-from trocar.ros import Component, Core, build
-from trocar.ros.fields import Message, flag, joints, pose, text
+from trocar.ros import Component, Core
+from trocar.ros import message_builders as build
+from trocar.ros.message_fields import Message, flag, joints, pose, text
 from trocar.ros.topic import (
     BOOL,
     COMMAND,
@@ -78,7 +79,7 @@ class RemoteMaster(Master):
         self.name, self._now = name, now
         self._force = np.zeros(3)
         self.publish: Callable[[str, Mapping[str, Any]], None] = lambda topic, fields: None  # noqa: ARG005  not connected yet
-        self._T: Array | None = None
+        self._pose: Array | None = None
         self._gripper: float | None = None
         self._received: float | None = None
         self._state: tuple[str, bool] = ("", False)
@@ -87,7 +88,7 @@ class RemoteMaster(Master):
 
     def receive_pose(self, T: Array) -> None:
         """Take its pose in the frame of the stereo display, (4, 4)."""
-        self._T, self._received = T, self._now()
+        self._pose, self._received = T, self._now()
 
     def receive_gripper(self, opening: float) -> None:
         """Take the opening of its gripper [rad]."""
@@ -98,8 +99,8 @@ class RemoteMaster(Master):
         self._state = state, homed
 
     def objection(self, world: World) -> str:  # noqa: ARG002
-        """Return why it cannot be used."""
-        if self._T is None:
+        """Return the reason that the master cannot be used, "" when it can."""
+        if self._pose is None:
             return f"{self.name} publishes nothing"
         state, homed = self._state
         if state and (state != "ENABLED" or not homed):
@@ -107,9 +108,9 @@ class RemoteMaster(Master):
         return ""
 
     def prepare(self, world: World) -> None:
-        """Ask it to be enabled and homed, if it reported that it is not."""
+        """Request enable and home, if its reported state is another."""
         self._requested = None
-        if self._T is not None and self.objection(world):
+        if self._pose is not None and self.objection(world):
             self.publish("state_command", {"string": "home"})
 
     def read(self, world: World) -> MasterReading:  # noqa: ARG002
@@ -118,49 +119,49 @@ class RemoteMaster(Master):
         Raises:
             MasterLostError: it has published nothing for a while
         """
-        if self._T is None or self._received is None:
+        if self._pose is None or self._received is None:
             return MasterReading(np.eye(4))
         if self._now() - self._received > SILENCE_S:
-            self._T = self._received = None
+            self._pose = self._received = None
             raise MasterLostError(self.name, f"no message for {SILENCE_S:g} s")
-        return MasterReading(self._T, self._gripper)
+        return MasterReading(self._pose, self._gripper)
 
     def align(self, world: World, R: Array) -> str:  # noqa: ARG002
-        """Ask it to turn where it is."""
-        if self._T is None:
+        """Request a rotation in place."""
+        if self._pose is None:
             return f"{self.name} publishes nothing"
         turned = self._requested is None or angle_between(self._requested, R) > TURNED
         if turned or self._now() - self._sent > AGAIN_S:
             self._requested, self._sent = R.copy(), self._now()
-            self.publish("move_cp", {"T": transform(R, self._T[:3, 3])})
+            self.publish("move_cp", {"T": transform(R, self._pose[:3, 3])})
         return ""
 
     def release(self, world: World, *, locked: bool) -> None:  # noqa: ARG002
-        """Ask it to exert only its links' weight, as the dVRK does."""
+        """Request that it carries only its links' weight, as on the dVRK."""
         self._requested = None
         self.publish("use_gravity_compensation", {"data": True})
         self._force = np.zeros(3)
         self.publish("body/servo_cf", {"force": self._force})
-        if locked and self._T is not None:
-            self.publish("lock_orientation", {"T": self._T})
+        if locked and self._pose is not None:
+            self.publish("lock_orientation", {"T": self._pose})
         else:
             self.publish("unlock_orientation", {})
 
     def exert(self, world: World, force: Array) -> None:  # noqa: ARG002
-        """Ask it to exert a force on the hand, in axes of the handle, (3,) [N]."""
+        """Request a force on the hand, in axes of the handle, (3,) [N]."""
         if (force != self._force).any():
             self._force = force.copy()
             self.publish("body/servo_cf", {"force": force})
 
     def hold(self, world: World) -> None:  # noqa: ARG002
-        """Ask it to stay where it is."""
+        """Request that it stays where it is."""
         self._requested = None
-        if self._T is not None:
+        if self._pose is not None:
             self.publish("hold", {})
 
 
 def component_of(master: RemoteMaster, engine: Teleoperation) -> Component:
-    """Return what a core serves of a master that is no arm of the rig.
+    """Return the topics of a master that is no arm of the rig.
 
     Args:
         master: the master
@@ -222,7 +223,7 @@ def engine_and_components(
 
 
 def components(loop: Loop, fixtures: Fixtures | None = None) -> tuple[Component, ...]:
-    """Return what a core serves of the teleoperation of a loop's rig: nothing where it has none."""
+    """Return the teleoperation topics of a loop's rig, () where it has no teleoperation."""
     if loop.world.rig.teleops:
         return engine_and_components(loop, fixtures)[1]
     if fixtures is not None:

@@ -1,4 +1,4 @@
-"""Who drives a served simulation: a device, the masters of a console, or clients; and the tab."""
+"""Sessions of teleoperation: a device, the masters of a console, or clients; and their tab."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ class Device:
             self.engine.pedals.press("camera", drive.camera)
 
     def components(self) -> tuple[Component, ...]:
-        """Return what a core serves: its teleoperation, pedals, keys and sticks."""
+        """Return the topics of teleoperation, pedals, keys and sticks."""
         inputs = input_component(self.engine, self.master.name, self.receive)
         return component(self.engine), inputs
 
@@ -166,7 +166,7 @@ def _teleops(
 
 
 class Session:
-    """Somebody who drives a rig, or only presses its pedals.
+    """The driver of a rig, or of its pedals alone.
 
     Args:
         kind: "keyboard", "gamepad", "spacemouse" or "masters"; None: clients drive, the page has
@@ -205,7 +205,7 @@ class Session:
         self._poll: Poll | None = None
 
     def components(self, loop: Loop, fixtures: Fixtures | None = None) -> tuple[Component, ...]:
-        """Return what a core serves of it, and begin to poll the device.
+        """Return its topics, and begin to poll the device.
 
         Args:
             loop: of a world

@@ -28,8 +28,8 @@ Array = NDArray[np.float64]
 
 #: The surgeon's axes in those of an image (x right, y down): both of the screen's are turned round.
 R_IMAGE_VIEW = rotation_z(np.pi)
-#: Without an endoscope somebody stands before the robot and looks across it at the table, against
-#: the world's y. Source: our own choice, as the surgeon at full_cart_mtm's console does.
+#: The view without an endoscope: of an operator before the robot who looks across it at the table,
+#: against the world's y. Source: our own choice, as the surgeon at full_cart_mtm's console does.
 R_WORLD_VIEW = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 #: A solution that is farther from the set-points is on another branch. Source: our own choice.
 #: [rad or m]
@@ -126,7 +126,7 @@ class Slave:
         return arm.inverse_kinematics(arm.base_frame()[0] @ goal, self._commanded)
 
     def _objection(self, q: Array, goal: Array) -> str:
-        """Return why joint positions must not be commanded, "" when they may."""
+        """Return the reason that joint positions must not be commanded, "" when they may."""
         if q[INSERTION] < self._least_insertion:
             return (
                 f"the wrist would come nearer than {1e3 * SAFE_DEPTH_M:.0f} mm to the remote centre"
@@ -190,7 +190,7 @@ class HandleMover:
 
 
 def _part(way: Array, fastest: float, period_s: float) -> Array:
-    """Return how much of a way is made in a period: softly at its end, not faster than allowed."""
+    """Return the part of a way for one period: softly at its end, not faster than allowed."""
     length = float(np.linalg.norm(way))
     if length == 0.0:
         return way

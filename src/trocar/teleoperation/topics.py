@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trocar.live.inbox import Command
-from trocar.ros import Component, build
+from trocar.ros import Component
+from trocar.ros import message_builders as build
 from trocar.ros.console import BUTTONS, teleop_topics
-from trocar.ros.fields import Message, RefusedError, button, flag, number, text, vector
+from trocar.ros.message_fields import Message, RefusedError, button, flag, number, text, vector
 from trocar.ros.topic import JOY, STRING, Make, Read, command, served
 from trocar.teleoperation.component import COMMANDS, TeleopComponent
 from trocar.teleoperation.devices import DeviceCommand, from_keys, from_pad
@@ -21,7 +22,7 @@ from trocar.teleoperation.psm import PsmTeleoperation
 if TYPE_CHECKING:
     from trocar.ros import Core
     from trocar.ros.clock import Stamp
-    from trocar.ros.sample import Figures
+    from trocar.ros.sample import SampleReadings
 
 #: Published as a button. Source: SAW system_ROS.cpp declares these as Joy.
 JOYS = ("rotation_locked", "translation_locked")
@@ -29,7 +30,7 @@ JOYS = ("rotation_locked", "translation_locked")
 CONSOLE = "console/teleop"
 
 KEYS, PAD = "teleop/keys", "teleop/gamepad"
-#: Sent when nobody presses keys any longer: the page has lost them to another window.
+#: Sent when the web viewer loses the keyboard to another window.
 ASIDE = "aside"
 
 INPUTS = (
@@ -46,7 +47,7 @@ def reading(
     act: Callable[[Any], object],
     stream: str = "",
 ) -> Read:
-    """Return what reads a message at once, and acts in the loop's thread.
+    """Return a reader that checks a message at once and acts in the loop's thread.
 
     Args:
         engine: makes the command
@@ -63,7 +64,7 @@ def reading(
 
 
 def pedal_component(engine: Teleoperation) -> Component:
-    """Return what a core serves of pedals: topics that emulate them also act."""
+    """Return the topics of pedals: those that emulate them also act."""
 
     def press(name: str, on: bool) -> None:
         engine.pedals.note(name, on)
@@ -84,7 +85,7 @@ def pedal_component(engine: Teleoperation) -> Component:
 
 
 def component(engine: Teleoperation) -> Component:
-    """Return what a core serves of teleoperation: requests, states, pedals, and its ticks."""
+    """Return the topics of teleoperation, with its pedals and its ticks."""
     pedals = pedal_component(engine)
     cores: list[Core] = []
 
@@ -139,7 +140,7 @@ def component(engine: Teleoperation) -> Component:
 def input_component(
     engine: Teleoperation, name: str, receive: Callable[[DeviceCommand | None], object]
 ) -> Component:
-    """Return what a core serves of keys and sticks.
+    """Return the topics of keys and sticks.
 
     Args:
         engine: calls in the loop's thread
@@ -190,7 +191,7 @@ def _read_scale(message: Message) -> float:
 
 
 def _state(one: TeleopComponent) -> Mapping[str, object]:
-    """Return what a component publishes before anything happens."""
+    """Return the first messages of a component."""
     found: dict[str, object] = {
         "current_state": one.current,
         "desired_state": one.desired,
@@ -206,7 +207,7 @@ def _state(one: TeleopComponent) -> Mapping[str, object]:
     return found
 
 
-def _offset(one: PsmTeleoperation, rig: Figures, stamp: Stamp) -> dict[str, Any]:  # noqa: ARG001
+def _offset(one: PsmTeleoperation, rig: SampleReadings, stamp: Stamp) -> dict[str, Any]:  # noqa: ARG001
     """Return a geometry_msgs/QuaternionStamped of the rotation from handle to tip."""
     T = np.eye(4)
     T[:3, :3] = one.offset

@@ -75,7 +75,7 @@ class Fixtures:
         return total
 
     def filtered(self, arm: str, p: Array) -> Array:
-        """Return where the filters of an arm leave a tip position, in the world, (3,) [m]."""
+        """Return a tip position after the filters of an arm, in the world, (3,) [m]."""
         for one, T in self._of(arm, "filter"):
             inside = _moved(inverse(T), p)
             nearest = one.region.nearest(inside)

@@ -38,7 +38,6 @@ from websockets.http11 import Request, Response
 from trocar.errors import InputError, TrocarError
 from trocar.live.access import PageAccess, names_loopback, queried
 from trocar.live.connections import Connections
-from trocar.live.log_filter import without_repeats
 
 T = TypeVar("T")
 
@@ -268,8 +267,7 @@ def serving(
         if port not in (0, server.get_port()):  # taken in between: viser went on to the next
             raise _taken(host, port)
         access.viewer = frozenset((address(server), f"http://localhost:{server.get_port()}"))
-        with without_repeats():
-            yield server
+        yield server
     finally:
         with _quiet():
             server.stop()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 import pytest
 
 from tests.ros.served import Served
@@ -97,32 +96,3 @@ def test_other_parameters_are_nothing_to_it(served: Any, key: str) -> None:
     _, cache = started(served, Server())
     cache.notifier(key, 1.0)
     assert served.world.arm("PSM1").gains("yaw")[0] != 1.0
-
-
-OLD = "/dvrk/psm1/yaw_joint_controller"
-
-
-def test_parameters_of_dvrk_env_are_obeyed_where_its_topics_are_served() -> None:
-    served = Served("psm", compat=("dvrk_env",))
-    loaded = {"p": 800.0, "i": 0.1, "d": 10.0}
-    server = Server()
-    server.kept[OLD] = loaded
-    server.kept["/dvrk/psm1/main_insertion_joint_controller"] = {"init_joint": 0.15}
-    gains, cache = started(served, server)
-    served.run(3.0)
-    arm = served.world.arm("PSM1")
-    assert arm.gains("yaw") == (800.0, 0.1, 10.0)
-    np.testing.assert_allclose(arm.setpoint_js().position, [0, 0, 0.15, 0, 0, 0], atol=1e-9)
-    cache.notifier(f"{OLD}/p", 700.0)
-    served.run()
-    assert arm.gains("yaw")[0] == 700.0
-    gains.forget()
-    assert server.kept[OLD] == loaded, "what the user has set stays"
-
-
-def test_parameters_of_dvrk_env_are_nothing_to_it_without(served: Any) -> None:
-    server = Server()
-    server.kept[OLD] = {"p": 800.0}
-    started(served, server)
-    served.run()
-    assert served.world.arm("PSM1").gains("yaw")[0] != 800.0

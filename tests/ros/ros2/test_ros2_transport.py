@@ -117,11 +117,11 @@ def test_commands_of_several_topics_are_obeyed_as_they_were_written() -> None:
     moves = Topic("PSM1/move_jp", "sensor_msgs/JointState", "sub")
     seen: list[str] = []
     transport = Ros2Transport(private_network())
-    transport._core = SimpleNamespace(  # type: ignore[assignment]
+    transport.core = SimpleNamespace(  # type: ignore[assignment]
         receive=lambda name, *_: seen.append(name),
         decoded=lambda topic, data, decode, _: decode(topic.type, data),
     )
-    transport._topics = {1: moves, 2: orders}
+    transport.topics = {1: moves, 2: orders}
     order = cdr_encode(orders.type, {"header": joints(1)["header"], "string": "home"})
     boxes = [Box(1, DdsSample(cdr_encode(moves.type, joints(1)), 7, 30))]
     boxes.append(Box(2, DdsSample(order, 8, 10), DdsSample(order, 8, 20)))

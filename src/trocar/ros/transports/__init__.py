@@ -7,5 +7,5 @@ A module that `trocar sim` can serve has
   is served by default;
 - `ORDER`: its place among the options;
 - `open_transport(options, pages)`, which takes the values of all options by name and the web pages
-  that may connect, and returns a `Transport`, or None where the options do not ask for it.
+  that may connect, and returns a `Transport`, or None where the options leave it off.
 """

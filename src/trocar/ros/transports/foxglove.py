@@ -9,13 +9,11 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Mapping
-from contextlib import ExitStack
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from trocar.errors import InputError, MissingExtraError
 from trocar.live.access import PageAccess
-from trocar.live.log_filter import without_repeats
 from trocar.messages import cdr_encode, message_type
 from trocar.messages.types import SECOND
 
@@ -32,7 +30,7 @@ OPTIONS = """
 
 #: Where Foxglove looks by itself. Source: its SDK's default.
 PORT = 8765
-#: The SDK lets every page of the web connect, so nobody beyond this machine may. Source: tried.
+#: The SDK lets every page of the web connect, so only this machine may. Source: tried.
 HOST = "127.0.0.1"
 #: Messages that wait for one client; the SDK drops the oldest beyond. Source: the SDK's default.
 BACKLOG = 1024
@@ -84,7 +82,7 @@ class Subscriptions:
             self.wanted = frozenset(name for _, name in self._subscriptions)
 
     def newly(self) -> set[str]:
-        """Return the topics that somebody subscribed to since the last call."""
+        """Return the topics with new subscribers since the last call."""
         with self._lock:
             new, self._new = self._new, set()
         return new
@@ -136,7 +134,6 @@ class FoxgloveTransport:
         self._context: Any = None
         self._server: Any = None
         self._writer: Any = None
-        self._life = ExitStack()
 
     @property
     def greeting(self) -> str:
@@ -153,7 +150,6 @@ class FoxgloveTransport:
             InputError: the port is taken or forbidden, or the file cannot be written
         """
         self._core = core
-        self._life.enter_context(without_repeats())  # the SDK has a line for each lost client
         self._context = context = self._sdk.Context()  # the server alone does not keep it
         self._simulated = core.stamper.mode == "sim"
         served = [t for t in core.topics.values() if t.direction == "pub" and not t.later]
@@ -166,8 +162,7 @@ class FoxgloveTransport:
             raise
 
     def close(self) -> None:
-        """Let go of clients and the port, and end the file."""
-        self._life.close()
+        """Disconnect clients, close the port and end the file."""
         if self._server is not None:
             stop = threading.Thread(target=self._server.stop, name="trocar-foxglove", daemon=True)
             stop.start()

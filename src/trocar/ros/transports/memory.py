@@ -28,7 +28,7 @@ class MemoryTransport:
         self.closed = False
 
     def start(self, core: Core) -> None:
-        """Subscribe to everything, unless told what."""
+        """Subscribe to these topics, by default to all."""
         if self._wanted is None:
             self._wanted = frozenset(core.topics)
 

@@ -10,7 +10,7 @@ import logging
 import os
 import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping, MutableMapping
+from collections.abc import Callable, Generator, Mapping, MutableMapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
@@ -28,7 +28,7 @@ from trocar.messages import (
     service_type,
 )
 from trocar.ros.parameters import MODEL, SIMULATED, Parameters
-from trocar.ros.queues import ImageQueue, ReorderBuffer
+from trocar.ros.queues import ImageQueue
 from trocar.ros.services import answered
 
 if TYPE_CHECKING:
@@ -40,18 +40,14 @@ _log = logging.getLogger("trocar")
 NODE = "trocar"
 #: How often subscribers are counted: Humble has no event of them. Source: our own choice. [s]
 LOOK_S = 0.02
-#: How long ordered commands are kept, to be sorted. Source: our own choice; rclpy takes one message
-#: of each topic in a round, and a round of 150 topics takes milliseconds. [s]
-MOMENT_S = 0.01
 #: How often the model is compared with the rig's, whose tools may be exchanged. [s]
 MODEL_S = 1.0
 #: Before going on after rclpy has failed, and how long its callbacks may take to end. [s]
 PAUSE_S, CLOSING_S = 0.1, 5.0
 #: How long a service may take. Source: our own choice. [s]
 SERVICE_S = 5.0
-#: Ordered commands wait here while the core is busy; it rejects, and says so, sooner.
+#: Depth of the queues of ordered commands; the core rejects and reports sooner.
 COMMANDS = 1024
-NS = 1_000_000_000
 
 # ---------------------------------------------------------------------- rclpy
 
@@ -92,7 +88,7 @@ def load() -> Rclpy:
     """Import rclpy.
 
     Raises:
-        MissingRclpyError: there is none for this Python
+        MissingRclpyError: this Python has no rclpy
     """
     names = ("context", "exceptions", "executors", "parameter", "qos", "serialization")
     modules = ["rclpy", *(f"rclpy.{name}" for name in names), "rcl_interfaces.msg"]
@@ -101,13 +97,13 @@ def load() -> Rclpy:
     except ImportError as error:
         try:
             there = find_spec("rclpy") is not None
-        except ValueError:  # somebody has hidden it
+        except ValueError:  # sys.modules has None for it
             there = False
         raise MissingRclpyError(sys.executable, str(error), there=there) from error
 
 
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
-#: Variables by which a user says how far ROS 2 reaches.
+#: Variables that set the discovery range of ROS 2.
 REACH = (
     RANGE,
     "ROS_LOCALHOST_ONLY",
@@ -120,7 +116,7 @@ REACH = (
 
 
 @contextmanager
-def kept_local(environment: MutableMapping[str, str]) -> Iterator[None]:
+def kept_local(environment: MutableMapping[str, str]) -> Generator[None]:
     """Let rclpy, which reads the environment in the block, stay on this machine by default.
 
     Left alone, a node of ROS 2 speaks with the whole network, and whoever it meets can move the
@@ -307,7 +303,6 @@ class RclpyTransport:
         self._publishers: dict[str, Any] = {}
         self._subscribed: frozenset[str] = frozenset()
         self._lacking: dict[str, int] = {}
-        self._sorter = ReorderBuffer(MOMENT_S)
         self._images = ImageQueue(self._publish)
         self._over = threading.Event()
         self._model = ""
@@ -342,7 +337,6 @@ class RclpyTransport:
         nodes, self._nodes = self._nodes, []
         for node in nodes:
             node.close()
-        self._sorter.close()
         context, self._context = self._context, None
         if context is not None:
             context.try_shutdown()
@@ -378,7 +372,6 @@ class RclpyTransport:
             last = core.latched(name)
             if last is not None:
                 self._publish((core.topics[name], last))
-        self._sorter.start()
         for node in self._nodes:
             node.start()
         for thread in self._threads:
@@ -464,11 +457,10 @@ class RclpyTransport:
         made = message_class(message_type(topic.type))
         profile = self._quality(topic.depth if topic.depth == 1 else COMMANDS)
 
-        def take(data: bytes, info: Mapping[str, Any]) -> None:  # two arguments: rclpy looks
+        def take(data: bytes) -> None:
             fields = self._core.decoded(topic, data, cdr_decode, "ROS 2")
             if fields is not None:
-                written = divmod(int(info.get("source_timestamp") or 0), NS)
-                self._sorter.take(self._core, topic, fields, "ROS 2", written)
+                self._core.receive(topic.name, fields, "ROS 2")
 
         own.create_subscription(made, f"/{topic.name}", take, profile, raw=True)
 

@@ -13,10 +13,10 @@ from xmlrpc.client import ServerProxy, Transport
 from trocar.errors import InputError, TrocarError
 
 DEFAULT_URI = "http://localhost:11311"
-"""Where a master is when nothing says so. Source: rosgraph.rosenv, DEFAULT_MASTER_URI."""
+"""Address of the master without ROS_MASTER_URI. Source: rosgraph.rosenv, DEFAULT_MASTER_URI."""
 
 PATIENCE_S = 5.0
-"""How long a master may take to answer [s]. Source: our own choice; it takes milliseconds."""
+"""Time-out of a call to the master [s]. Source: our own choice; it takes milliseconds."""
 
 LOOPBACK = ("localhost", "127.", "::1")
 
@@ -39,7 +39,7 @@ class RosMasterClient:
 
     Attributes:
         uri: where it is
-        given: whether ROS_MASTER_URI said so
+        given: whether ROS_MASTER_URI is set
     """
 
     uri: str
@@ -66,7 +66,7 @@ def find_master() -> RosMasterClient:
 
     Raises:
         InputError: ROS_MASTER_URI is no address
-        MasterError: nobody answers there
+        MasterError: no answer
     """
     uri = os.environ.get("ROS_MASTER_URI", "")
     parts = urlparse(uri or DEFAULT_URI)
@@ -82,7 +82,7 @@ def find_master() -> RosMasterClient:
 
 
 def settle_address(master: RosMasterClient) -> str:
-    """Decide on which address the node listens, and return a sentence that says so.
+    """Choose the address on which the node listens, and return it as a sentence.
 
     ROS_HOSTNAME and ROS_IP count where they are set. Else a master on this machine is taken to
     mean that everybody is on this machine.
@@ -104,7 +104,7 @@ def settle_address(master: RosMasterClient) -> str:
 
 
 def is_loopback(host: str) -> bool:
-    """Tell whether a name or address means this machine."""
+    """Return whether a name or address means this machine."""
     return host.startswith(LOOPBACK)
 
 

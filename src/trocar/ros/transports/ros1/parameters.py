@@ -1,10 +1,4 @@
-"""Parameters on ROS 1's parameter server: the robot's model, gains, and whose clock counts.
-
-With the topics of dvrk_env, its parameters count, too, which its users load before they start.
-
-Source: WPI-AIM/dvrk_env@07023a1: the plugin reads, of every joint that has a motor,
-/dvrk/psm1/yaw_joint_controller/{p,i,d,init_joint}; config/dvrk.yaml holds them.
-"""
+"""Parameters on ROS 1's parameter server: the robot's model, gains, and whose clock counts."""
 
 from __future__ import annotations
 
@@ -13,19 +7,13 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from trocar.descriptions.records import RigDescription
-from trocar.live.inbox import Command
-from trocar.ros.compat import joints_of
-from trocar.ros.parameters import LETTERS, MODEL, SIMULATED, Parameters, is_finite
+from trocar.ros.parameters import LETTERS, MODEL, SIMULATED, Parameters
 
 if TYPE_CHECKING:
     from trocar.ros.core import Core
     from trocar.ros.transports.ros1.master import RosMasterClient
 
 _log = logging.getLogger("trocar")
-
-OLDER = "dvrk_env"
-#: The parameter with a joint's first position [rad or m].
-FIRST = "init_joint"
 
 
 class ServerParameters:
@@ -45,7 +33,6 @@ class ServerParameters:
         self._joints: dict[str, tuple[str, str]] = {}
         self._set: list[str] = []
         self._described: RigDescription | None = None
-        self._moved = False
 
     def start(self) -> None:
         """Take over the gains that are set already, and set the others and the model.
@@ -55,28 +42,21 @@ class ServerParameters:
         """
         if self._own.simulated:
             self._put(f"/{SIMULATED}", True)
-        older = older_keys(self._core.loop.world.rig) if OLDER in self._core.compat else {}
-        self._joints = {f"/{name}": place for name, place in self._own.controllers.items()} | older
+        self._joints = {f"/{name}": place for name, place in self._own.controllers.items()}
         self._cache.set_notifier(self.changed)
-        first: dict[tuple[str, str], float] = {}
-        for key, place in self._joints.items():
+        for key in self._joints:
             _, _, there = self._master.ask("subscribeParam", self._uri, key)
             there = there if isinstance(there, dict) else {}
             given = {letter: there[letter] for letter in LETTERS if letter in there}
-            if key in older:
-                gains = dict.fromkeys(LETTERS, 0.0)
-                if is_finite(there.get(FIRST)):
-                    first[place] = float(there[FIRST])
-            else:
-                gains = self._own.gains(key[1:])
+            gains = self._own.gains(key[1:])
             self._cache.set(key, gains | given)
-            if given and given != gains:
+            if given == gains:
+                continue
+            if given:
                 text = "ROS 1: gains are taken from the parameter %s: %s"
                 _log.warning(text, key, given)
                 self.changed(key, given)
-            if key not in older and given != gains:
-                self._put(key, gains | given)
-        self._move_first(first)
+            self._put(key, gains | given)
         self._described = None
         self.follow()
 
@@ -106,7 +86,7 @@ class ServerParameters:
             self._own.set_gains(self._joints[name], name, given)
 
     def forget(self) -> None:
-        """Delete the parameters that were set here, so that they outlive nobody.
+        """Delete the parameters that were set here.
 
         Raises:
             MasterError: the master does not answer
@@ -119,37 +99,3 @@ class ServerParameters:
         self._master.ask("setParam", key, value)
         if key not in self._set:
             self._set.append(key)
-
-    def _move_first(self, first: Mapping[tuple[str, str], float]) -> None:
-        """Move arms to the positions that dvrk_env's parameters have for the start, once.
-
-        Args:
-            first: {(arm, joint): position [rad or m]}; other joints keep their set-points
-        """
-        if not first or self._moved:
-            return
-        self._moved = True
-        now = self._core.loop.latest.arms
-        for arm in self._core.loop.world.rig.arms:
-            names = arm.arm.mechanism.joint_names[: arm.arm.own_joints]
-            if any((arm.name, name) in first for name in names):
-                held = now[arm.name].setpoint
-                goal = tuple(
-                    first.get((arm.name, name), float(held[k])) for k, name in enumerate(names)
-                )
-                text = "ROS 1: %s moves to the parameters %s: %s"
-                _log.warning(text, arm.name, FIRST, goal)
-                self._core.loop.post(Command(arm.name, "move_jp", {"q": goal}))
-
-
-def older_keys(rig: RigDescription) -> dict[str, tuple[str, str]]:
-    """Return {dvrk_env's parameter of a joint's gains: (arm, joint)}.
-
-    Fingers are left out: there each has a motor, here the jaw has one.
-    """
-    return {
-        f"/dvrk/{arm.name.lower()}/{joint.name}_controller": (arm.name, joint.own)
-        for arm in rig.arms
-        for joint in joints_of(arm.arm)
-        if joint.driven and joint.ratio == 1.0
-    }

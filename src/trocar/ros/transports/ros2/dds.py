@@ -260,7 +260,7 @@ NOTHING = Metadata(None, 0)
 
 @dataclass(frozen=True)
 class DdsSample:
-    """What arrived: CDR bytes with their header, the handle of who wrote them, and when [ns]."""
+    """A received message: CDR with its header, the writer's handle, time of writing [ns]."""
 
     payload: bytes
     writer: int
@@ -289,7 +289,7 @@ class DdsWriter:
         return bool(sample) and calls.dds_writecdr(self.entity, sample) == 0
 
     def look(self) -> int:
-        """Ask how many subscribers there are; kept in `matched`."""
+        """Count the subscribers; kept in `matched`."""
         status = Matched()
         self._lib.quick.dds_get_publication_matched_status(self.entity, ct.byref(status))
         self.matched = status.current
@@ -350,7 +350,7 @@ class DdsParticipant:
 
     Args:
         domain: 0 to 232
-        config: Cyclone DDS's XML; None: what CYCLONEDDS_URI says
+        config: Cyclone DDS's XML; None: that of CYCLONEDDS_URI
         user_data: of the participant
 
     Attributes:
@@ -384,7 +384,7 @@ class DdsParticipant:
         self._woken = (ct.c_ssize_t * 64)()
 
     def writer(self, topic: str, kind: str, quality: QualityOfService) -> DdsWriter:
-        """Return a writer of messages of the DDS type `kind`; `wait` tells of its subscribers."""
+        """Return a writer of messages of the DDS type `kind`; `wait` reports its subscribers."""
         create = self._lib.wait.dds_create_writer
         writer = DdsWriter(self._lib, self._end(create, topic, kind, quality))
         self._watch(writer, PUBLICATION_MATCHED)
@@ -392,7 +392,7 @@ class DdsParticipant:
         return writer
 
     def reader(self, topic: str, kind: str, quality: QualityOfService) -> DdsReader:
-        """Return a reader of messages of the DDS type `kind`; `wait` tells of what arrives."""
+        """Return a reader of messages of the DDS type `kind`; `wait` reports its messages."""
         create = self._lib.wait.dds_create_reader
         reader = DdsReader(self._lib, self._end(create, topic, kind, quality))
         self._watch(reader, DATA_AVAILABLE)
@@ -463,7 +463,7 @@ DISCOVERY = (
     "<Discovery><ParticipantIndex>auto</ParticipantIndex>"
     "<MaxAutoParticipantIndex>{most}</MaxAutoParticipantIndex>{peers}</Discovery>"
 )
-# A subscriber that died must not stop the others, whatever waits for it; nobody may send 100 MB.
+# A subscriber that died must not stop the others; messages are limited to 32 MB.
 INTERNAL = (
     "<Internal><Watermarks><WhcHigh>256MB</WhcHigh><WhcAdaptive>false</WhcAdaptive></Watermarks>"
     "<MaxSampleSize>32MB</MaxSampleSize></Internal>"
@@ -475,11 +475,11 @@ CLIENT_URI = f"<General>{LOOPBACK}</General>"
 
 @dataclass(frozen=True)
 class Network:
-    """Where to speak.
+    """The domain and the interfaces of a participant.
 
     Args:
         domain: ROS_DOMAIN_ID
-        config: Cyclone DDS's XML; None: as the environment's CYCLONEDDS_URI says
+        config: Cyclone DDS's XML; None: that of the environment's CYCLONEDDS_URI
         reach: in words, for the start line
         set: what a ROS 2 terminal must set to meet us, beside the domain and the RMW
     """

@@ -57,7 +57,7 @@ def service_type(name: str) -> tuple[tuple[str, str], tuple[str, str]]:
 
 
 def answering(name: str, parameters: Parameters) -> Callable[[bytes], bytes]:
-    """Return what answers the calls of a service of `SERVICES`: CDR in, CDR out."""
+    """Return the function that answers a service of `SERVICES`: CDR in, CDR out."""
     store = _store()
     request, response = [f"rcl_interfaces/srv/{name}_{half}" for half in ("Request", "Response")]
 

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 _log = logging.getLogger("trocar")
 
 NODE = "trocar"
-#: Ordered commands wait here while the core is busy; it rejects, and says so, sooner.
+#: Depth of the queues of ordered commands; the core rejects and reports sooner.
 COMMANDS = 1024
 WAIT_S = 0.2
 #: Calls and answers that wait. Source: rmw, rmw_qos_profile_services_default.
@@ -65,8 +65,8 @@ class Ros2Service:
         bus: the participant
         name: without a leading slash
         kinds: DDS name and type hash of the request, and of the response
-        number: tells it from the participant's others
-        answer: returns the CDR bytes of the response to those of a request; None: there is none
+        number: of the service, unique in the participant
+        answer: returns the CDR bytes of the response to those of a request; None: no response
     """
 
     def __init__(
@@ -140,6 +140,8 @@ class Ros2Transport:
         node: name that `ros2 node list` shows
 
     Attributes:
+        core: is served, since `start`
+        topics: {DDS entity of a reader or writer: topic}
         lost: messages for which there was no room, because a subscriber could not follow
 
     Raises:
@@ -157,7 +159,7 @@ class Ros2Transport:
         self.lost = 0
         self._wanted: frozenset[str] = frozenset()
         self._writers: dict[str, DdsWriter] = {}
-        self._topics: dict[int, Topic] = {}
+        self.topics: dict[int, Topic] = {}
         self._peers: dict[int, str] = {}
         self._services: dict[int, Ros2Service] = {}
         self._older: bool | None = None
@@ -172,7 +174,7 @@ class Ros2Transport:
         Raises:
             DdsError: no such network, or too many participants
         """
-        self._core = core
+        self.core = core
         self._bus = bus = DdsParticipant(
             self.where.domain, self.where.config, naming.user_data(enclave="/")
         )
@@ -232,7 +234,7 @@ class Ros2Transport:
         else:
             depth = topic.depth if topic.depth == 1 else COMMANDS
             end = bus.reader(name, kind.dds_name, QualityOfService(depth, user_data=data))
-        self._topics[end.entity] = topic
+        self.topics[end.entity] = topic
         if isinstance(end, DdsWriter):
             self._match(end)
 
@@ -266,7 +268,7 @@ class Ros2Transport:
 
     def _match(self, writer: DdsWriter) -> None:
         """Note that subscribers came or went."""
-        topic, count = self._topics.get(writer.entity), writer.look()
+        topic, count = self.topics.get(writer.entity), writer.look()
         if topic is not None:
             name = {topic.name}
             self._wanted = self._wanted | name if count else self._wanted - name
@@ -276,9 +278,9 @@ class Ros2Transport:
     def _introduce(self, bus: DdsParticipant) -> None:
         """Describe the node, in the form of those who read the graph.
 
-        The two forms cannot be told apart on the wire, and a reader of the other form makes a node
-        without a name of it. So nothing is written until somebody reads; readers since Iron carry
-        the hash of the type, those before have none and ROS_DISTRO decides.
+        The wire does not distinguish the two forms, and a reader of the other form makes a node
+        without a name of it. So nothing is written before there is a reader; readers since Iron
+        carry the hash of the type, those before have none and ROS_DISTRO decides.
         """
         for reader in self._graph.readers():
             data = self._graph.user_data_of(reader) or b""
@@ -322,7 +324,7 @@ class Ros2Transport:
                 more.add(reader)
             service = self._services.get(reader.entity)
             if service is None:
-                topic = self._topics[reader.entity]
+                topic = self.topics[reader.entity]
                 arrived += [(s.written_ns, topic, s.payload, self._peer(reader, s)) for s in found]
             else:
                 for taken in found:
@@ -339,9 +341,9 @@ class Ros2Transport:
         return self._peers[taken.writer]
 
     def _receive(self, topic: Topic, payload: bytes, peer: str) -> None:
-        message = self._core.decoded(topic, payload, cdr_decode, peer)
+        message = self.core.decoded(topic, payload, cdr_decode, peer)
         if message is not None:
-            self._core.receive(topic.name, message, peer)
+            self.core.receive(topic.name, message, peer)
 
 
 class Ros2Listener:

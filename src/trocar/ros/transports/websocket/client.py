@@ -46,7 +46,7 @@ class WebSocketListener:
         """Connect, subscribe and hand over what arrives.
 
         Raises:
-            TrocarError: nobody answers there
+            TrocarError: no answer
         """
         try:
             self._line = self._connect()

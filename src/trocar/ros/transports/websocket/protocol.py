@@ -49,7 +49,7 @@ class RequestError(InputError):
 
 
 class Request(Struct, tag_field="op", tag=str.lower, kw_only=True):
-    """What all requests have."""
+    """The fields of every request."""
 
     id: Annotated[str, Meta(max_length=LONGEST_NAME, pattern=PRINTABLE)] | None = None
 
@@ -168,7 +168,7 @@ def read_request(text: str | bytes) -> AnyRequest:
 
 
 def _rejected(document: object, error: Exception) -> RequestError:
-    """Return what is wrong with a request that is JSON, with its id."""
+    """Return the error of a request that is JSON, with its id."""
     if not isinstance(document, dict):
         return RequestError(f"got {reprlib.repr(document)}; allowed: an object with an 'op'")
     op, id = document.get("op"), document.get("id")  # noqa: A001

@@ -14,7 +14,7 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from http import HTTPStatus
@@ -29,7 +29,7 @@ from websockets.protocol import State
 from trocar.errors import InputError, TrocarError
 from trocar.live.access import PageAccess, is_loopback, names_loopback
 from trocar.live.connections import Connection, Connections
-from trocar.live.log_filter import LOG_PERIOD_S
+from trocar.live.pace import LOG_PERIOD_S
 from trocar.messages import MessageError, MessageType, from_json, service_type, to_json
 from trocar.ros.topic import Direction, Service, Topic
 from trocar.ros.transports.websocket import protocol
@@ -65,7 +65,7 @@ PORT = 9090
 # Of all clients. Source: our own choice.
 #: Patience for opening and closing handshakes. [s]
 OPEN_S, CLOSE_S = 5.0, 1.0
-#: Time between two looks at what clients have not taken yet. [s]
+#: Period of the check of what clients have not read yet. [s]
 TEND_S = 0.01
 #: Threads that wait for services, and how long a service may take. [s]
 WORKERS, SERVICE_S = 4, 10.0
@@ -114,7 +114,7 @@ class Access:
             )
 
     def objection(self, path: str, headers: Mapping[str, str]) -> tuple[HTTPStatus, str] | None:
-        """Return why a request to connect is rejected, or None.
+        """Check a request to connect; return the reason of a rejection, or None.
 
         Beyond the loopback address any name may lead here, and the token is required.
 
@@ -271,12 +271,13 @@ class Client:
         newest: the newest state of each topic; it belongs to the server
 
     Attributes:
+        connection: as given
         subscriptions: by the topic's name without a slash
         refused: messages beyond the rate
     """
 
     def __init__(self, connection: Connection, newest: Mapping[str, EncodedMessage]) -> None:
-        self._connection, self._newest = connection, newest
+        self.connection, self._newest = connection, newest
         self.peer = "{}:{}".format(*connection.remote_address[:2])
         self.subscriptions: dict[str, ClientSubscription] = {}
         self.outbox = Outbox(MOST_WAITING)
@@ -339,7 +340,7 @@ class Client:
     def send(self, data: bytes) -> None:
         """Send messages, or let them wait their turn."""
         if self._ready:
-            self._connection.transport.write(data)
+            self.connection.transport.write(data)
         else:
             self.outbox.put(data)
 
@@ -360,7 +361,7 @@ class Client:
     def tend(self, now: float) -> None:
         """Send what waited long enough, and report what a slow client has missed."""
         while self.outbox and self._reads:
-            self._connection.transport.write(self.outbox.take())
+            self.connection.transport.write(self.outbox.take())
         if self.outbox or not self._reads:
             return
         if self._missed is not None:
@@ -380,7 +381,7 @@ class Client:
 
     @property
     def _reads(self) -> bool:
-        return self._connection.state is State.OPEN and not self._connection.paused
+        return self.connection.state is State.OPEN and not self.connection.paused
 
     @property
     def _ready(self) -> bool:
@@ -574,7 +575,7 @@ class WebSocketTransport:
 
     @property
     def address(self) -> str:
-        """Where clients find it, without the token."""
+        """Address for clients, without the token."""
         host = self._access.host
         return f"ws://{f'[{host}]' if ':' in host else host}:{self.port}"
 
@@ -715,7 +716,7 @@ class WebSocketTransport:
                     client.tend(now)
 
     @contextlib.contextmanager
-    def _logged(self) -> Iterator[None]:
+    def _logged(self) -> Generator[None]:
         """Log a message that cannot be sent, and go on with the others."""
         try:
             yield

@@ -1,7 +1,7 @@
 """Values out of messages, checked: the only place where a field of a message is looked at.
 
 Messages are nested dicts of plain values, however they came. Whatever is in them, a function here
-returns what was asked for or raises `RefusedError`.
+returns the checked value or raises `RefusedError`.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def number(message: object, name: str, path: str = "") -> float:
     """Return a finite number; `path` leads to the message it is in, for the reason.
 
     Raises:
-        RefusedError: it is none
+        RefusedError: another type, or not finite
     """
     where = f"{path}.{name}" if path else name
     if not isinstance(message, Mapping) or name not in message:
@@ -84,7 +84,7 @@ def text(message: object, path: str) -> str:
     """Return a short text.
 
     Raises:
-        RefusedError: it is none, or too long
+        RefusedError: not text, or too long
     """
     value = field(message, path)
     if not isinstance(value, str):
@@ -101,7 +101,7 @@ def vector(message: Any, name: str) -> Array:
     """Return a list of finite numbers, (n,).
 
     Raises:
-        RefusedError: it is none, or too long
+        RefusedError: no list of finite numbers, or too long
     """
     try:
         value = message[name]
@@ -113,14 +113,15 @@ def vector(message: Any, name: str) -> Array:
         raise RefusedError("type", f"got {name} {shown(value)}; allowed: a list of numbers")
     if len(items) > LONGEST:
         raise RefusedError("shape", f"got {len(items)} numbers in {name}; allowed: up to {LONGEST}")
-    for item in items:
+    numbers: Sequence[object] = items
+    for item in numbers:
         if type(item) is not float or not -LARGEST <= item <= LARGEST:  # the usual case, quickly
             break
     else:
-        return value if array and value.dtype == np.float64 else np.array(items, dtype=np.float64)
-    for i, item in enumerate(items):
+        return value if array and value.dtype == np.float64 else np.array(numbers, dtype=np.float64)
+    for i, item in enumerate(numbers):
         _finite(item, f"{name}[{i}]")
-    return np.array(items, dtype=np.float64)
+    return np.array(numbers, dtype=np.float64)
 
 
 def joints(message: Any, field: str, names: Sequence[str]) -> Array:
@@ -153,7 +154,7 @@ def joints(message: Any, field: str, names: Sequence[str]) -> Array:
 def joints_or_none(message: Any, field: str, names: Sequence[str]) -> Array | None:
     """Return as `joints` does, None where the list is empty or missing."""
     mapping = type(message) is dict or isinstance(message, Mapping)
-    value = message.get(field) if mapping else None
+    value: Any = message.get(field) if mapping else None
     if value is None or (hasattr(value, "__len__") and len(value) == 0):
         return None
     return joints(message, field, names)
@@ -186,7 +187,7 @@ def pose(message: object, path: str) -> Array:
     """Return a pose, (4, 4) [m].
 
     Raises:
-        RefusedError: it is none
+        RefusedError: another type, or not finite
     """
     turned, moved = f"{path}.orientation", f"{path}.position"
     turn, move = field(message, turned), field(message, moved)
@@ -205,10 +206,10 @@ def wrench(message: object, path: str) -> Array:
 
 
 def button(message: object) -> int:
-    """Return what the first button of a Joy does: 0 released, 1 pressed, 2 tapped.
+    """Return the first button of a Joy: 0 released, 1 pressed, 2 tapped.
 
     Raises:
-        RefusedError: there is none, or it does something else
+        RefusedError: no button, or another value
     """
     value = field(message, "buttons")
     if isinstance(value, np.ndarray):
@@ -223,7 +224,7 @@ def button(message: object) -> int:
 
 
 def stamp(message: Any) -> tuple[int, int] | None:
-    """Return when a message with a header was sent, (s, ns); None where it does not say.
+    """Return the stamp of a message, (s, ns); None without a header or with a stamp of zero.
 
     Raises:
         RefusedError: it is no time
@@ -235,7 +236,8 @@ def stamp(message: Any) -> tuple[int, int] | None:
     if value is None:
         return None
     if isinstance(value, (tuple, list)) and len(value) == 2:
-        sec, nanosec = value
+        pair: Sequence[object] = value
+        sec, nanosec = pair
         if type(sec) is int and type(nanosec) is int and sec >= 0 and nanosec >= 0:
             return (sec, nanosec) if sec or nanosec else None
     raise RefusedError("stamp", f"got a stamp {shown(value)}; allowed: (seconds, nanoseconds)")
@@ -270,9 +272,10 @@ def _finite(value: object, path: str) -> float:
 
 
 def _names(given: Any) -> list[str]:
-    if isinstance(given, (list, tuple)) and len(given) <= LONGEST:
-        names = list(given)
-        if all(isinstance(name, str) for name in names):
+    if isinstance(given, (list, tuple)):
+        held: Sequence[object] = given
+        names = [name for name in held if isinstance(name, str)]
+        if len(names) == len(held) <= LONGEST:
             return names
     raise RefusedError("names", f"got name {shown(given)}; allowed: joint names")
 

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trocar.geometry.rotations import matrix_from_quaternion
-from trocar.ros import fields
-from trocar.ros.fields import RefusedError
+from trocar.ros import message_fields as fields
+from trocar.ros.message_fields import RefusedError
 
 NAMES = ("yaw", "pitch", "insertion")
 

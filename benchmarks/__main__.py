@@ -270,7 +270,7 @@ def main(words: Sequence[str] | None = None) -> int:
         print(f"benchmarks: error: {error}", file=sys.stderr)
         return 2 if isinstance(error, InputError) else 1
     if args.json:
-        print_json({"figures": [figure.document() for figure in found]})
+        print_json({"figures": found})
     else:
         print(table(*figure_rows(found)))
     return 0

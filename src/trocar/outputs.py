@@ -1,19 +1,26 @@
-"""Output files and folders: whole or not at all; existing ones are replaced only if allowed.
+"""Output files and folders, whole or not at all, and JSON documents of records.
 
 A file is built beside its place and moved there when it is whole. A recording, which grows where it
-is, is locked against other programs. No output is written through a symbolic link.
+is, is locked against other programs. Existing files are replaced only if allowed, and no output is
+written through a symbolic link.
 """
 
 from __future__ import annotations
 
+import json
+import math
 import os
+import re
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
+from enum import Enum
 from io import FileIO
 from pathlib import Path
+from typing import Any
 
 from trocar.errors import InputError, TrocarError
 
@@ -240,3 +247,40 @@ def write_text(path: str | Path, text: str, overwrite: bool = False) -> None:
     """
     with whole_file(path, overwrite) as part:
         part.write_text(text, encoding="utf-8", newline="\n")
+
+
+def document(record: Any) -> Any:
+    """Convert a record to JSON types.
+
+    Args:
+        record: a dataclass, by its fields or by its method `document` where it has one; mappings,
+            sequences, arrays, enumerations and paths, nested at will
+
+    Returns:
+        dictionaries, lists, texts, numbers, booleans and None; NaN and infinity are None
+    """
+    if isinstance(record, Mapping):
+        return {str(key): document(item) for key, item in record.items()}
+    if is_dataclass(record) and not isinstance(record, type):
+        if hasattr(record, "document"):
+            return document(record.document())
+        return {field.name: document(getattr(record, field.name)) for field in fields(record)}
+    if hasattr(record, "tolist"):  # an array or a number of numpy, which is not imported here
+        return document(record.tolist())
+    if isinstance(record, list | tuple):
+        return [document(item) for item in record]
+    if isinstance(record, float):
+        return record + 0.0 if math.isfinite(record) else None
+    if isinstance(record, Enum):
+        return document(record.value)
+    return str(record) if isinstance(record, Path) else record
+
+
+def json_text(record: Any) -> str:
+    """Write a record as an indented JSON document, innermost lists on one line.
+
+    Args:
+        record: as for `document`
+    """
+    text = json.dumps(document(record), indent=2, allow_nan=False)
+    return re.sub(r"\[\n[^][{}]*\]", lambda m: f"[{' '.join(m[0][1:-1].split())}]", text)

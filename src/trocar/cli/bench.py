@@ -11,7 +11,6 @@ python -m benchmarks --help lists more, in the repository. See docs/performance.
 from __future__ import annotations
 
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
-from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_json, allow, options
@@ -103,7 +102,7 @@ def run(args: Namespace) -> int:
         if args.log:
             watch("replay")
             found += _replayed(args.log)
-    document = {"table9": [asdict(r) for r in rows], "figures": [f.document() for f in found]}
+    document = {"table9": rows, "figures": found}
     blocks = [_speeds(rows)] if rows else []
     blocks += [table(*figure_rows(found))] if found else []
     print_result(args, document, lambda: "\n\n".join(blocks))

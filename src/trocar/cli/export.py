@@ -7,11 +7,10 @@ file to export the rig. If the export fails, nothing is written. See docs/export
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_calibrations, add_json, add_overwrite, options
-from trocar.cli.output import print_json, progress_steps, warn
+from trocar.cli.output import print_result, progress_steps, warn
 
 if TYPE_CHECKING:
     from trocar.formats.exports import Export
@@ -55,10 +54,7 @@ def run(args: Namespace) -> int:
         done = export(rig, args.format, args.out, options, overwrite=args.overwrite)
     for text in done.warnings:
         warn(text)
-    if args.json:
-        print_json({**asdict(done), "folder": str(done.folder)})
-    else:
-        print(_report(done))
+    print_result(args, done, lambda: _report(done))
     return 0
 
 

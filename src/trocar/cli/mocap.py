@@ -12,7 +12,7 @@ from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_json, add_overwrite, options
-from trocar.cli.output import print_json, progress_bar, table
+from trocar.cli.output import print_result, progress_bar, table
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
@@ -129,11 +129,8 @@ def run(args: Namespace) -> int:
     with progress_bar("steps") as watch:
         tracks = simulate_tracks(arm, settings, watch, robot)
     truth = write_tracks(args.output, tracks, args.format, overwrite=args.overwrite)
-    if args.json:
-        files = {"file": args.output, "format": args.format, "truth_file": str(truth)}
-        print_json({**files, **tracks.truth})
-    else:
-        print(_report(args.output, str(truth), tracks))
+    files = {"file": args.output, "format": args.format, "truth_file": truth}
+    print_result(args, {**files, **tracks.truth}, lambda: _report(args.output, str(truth), tracks))
     return 0
 
 

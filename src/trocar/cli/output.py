@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import math
-import re
 import sys
 import threading
 import time
 from argparse import Namespace
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from typing import TYPE_CHECKING, Any
+
+from trocar.outputs import json_text
 
 if TYPE_CHECKING:
     from trocar.descriptions import ArmDescription
@@ -24,31 +24,17 @@ REFRESH_S = 0.1
 LINE_S, MOST_S = 1.0, 30.0
 
 
-def print_result(args: Namespace, document: Mapping[str, Any], text: Callable[[], str]) -> None:
-    """Print a result: the document with --json, else the text."""
+def print_result(args: Namespace, record: Any, text: Callable[[], str]) -> None:
+    """Print a result: the record as JSON with --json, else the text."""
     if args.json:
-        print_json(document)
+        print_json(record)
     else:
         print(text())
 
 
-def print_json(document: Mapping[str, Any]) -> None:
-    """Print a document as JSON; arrays become lists, NaN and infinity null."""
-    text = json.dumps(plain(document), indent=2, allow_nan=False)
-    print(re.sub(r"\[\n[^][{}]*\]", lambda m: f"[{' '.join(m[0][1:-1].split())}]", text))
-
-
-def plain(value: Any) -> Any:
-    """Convert a value to JSON types."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if hasattr(value, "tolist"):  # an array or a number of numpy, which is not imported here
-        return plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    if isinstance(value, float):
-        return value + 0.0 if math.isfinite(value) else None
-    return value
+def print_json(record: Any) -> None:
+    """Print a record as one JSON document (`trocar.outputs.document`)."""
+    print(json_text(record))
 
 
 def warn(message: str) -> None:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from trocar.cli.arguments import add_json, add_overwrite, allow_overwrite, options
 from trocar.cli.output import print_result, progress_steps, table
+from trocar.outputs import document
 
 if TYPE_CHECKING:
     from trocar.robot.verification import Verification
@@ -68,7 +69,7 @@ def _parts(text: str) -> tuple[str, ...]:
 
 def _document(found: Verification, report: str | None) -> dict[str, Any]:
     figures = [
-        {"part": p.name, "arm": p.arm or None, **figure.document(), "command": p.command}
+        {"part": p.name, "arm": p.arm or None, **document(figure), "command": p.command}
         for p in found.parts
         for figure in p.figures
     ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, TypeVar
 
@@ -81,10 +81,6 @@ class ReplayReport:
     tracking_rms: dict[str, float]
     effort_rms: dict[str, float]
     effort_relative_rms: dict[str, float | None]
-
-    def as_dict(self) -> dict[str, object]:
-        """Return the report as plain values, for JSON."""
-        return asdict(self)
 
 
 def replay(

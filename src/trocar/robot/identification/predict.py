@@ -14,7 +14,7 @@ from trocar.descriptions import ArmDescription, load_arm
 from trocar.descriptions.calibrated import CAD, DYNAMICS, One, as_overlay
 from trocar.descriptions.overlay_records import Drivetrain, FilterSettings
 from trocar.errors import InputError
-from trocar.outputs import whole_folder
+from trocar.outputs import json_text, whole_folder
 from trocar.plotting.drawing import EFFORT, MEASURED, SETPOINT, new_figure, png
 from trocar.robot.identification.drivetrains import described_trains
 from trocar.robot.identification.logs import FilteredLog, default_filters, filtered, read_motion
@@ -73,13 +73,13 @@ class Prediction:
     score: Score
 
     def document(self) -> dict[str, Any]:
-        """Return the result as plain values, for JSON."""
+        """Convert to the table of a JSON document."""
         return {
             "log": self.log.log.file,
             "arm": self.arm.name,
             "tool": self.arm.tool or None,
             "dynamics": self.dynamics,
-            "weights": [asdict(weight) for weight in self.weights],
+            "weights": self.weights,
             "samples": len(self.effort),
             "relative_rms_percent": self.score.relative_rms_percent,
             "rms": self.score.rms,
@@ -190,15 +190,15 @@ def plot(prediction: Prediction) -> bytes:
 
 def write_report(
     folder: str | Path,
-    documents: Mapping[str, Any],
+    result: Any,
     predictions: Sequence[Prediction],
     overwrite: bool = False,
 ) -> None:
-    """Write JSON documents and a plot of each prediction into a new folder.
+    """Write result.json and a plot of each prediction into a new folder.
 
     Args:
         folder: the new folder
-        documents: {name of the file without ending: JSON text}
+        result: what result.json has, as for `trocar.outputs.document`
         predictions: to plot, as efforts_1.png, ...
         overwrite: replace a folder that exists
 
@@ -208,8 +208,7 @@ def write_report(
     """
     plots = [plot(one) for one in predictions]
     with whole_folder(folder, overwrite) as part:
-        for name, text in documents.items():
-            (part / f"{name}.json").write_text(text, encoding="utf-8", newline="\n")
+        (part / "result.json").write_text(json_text(result), encoding="utf-8", newline="\n")
         for number, data in enumerate(plots, 1):
             (part / f"efforts_{number}.png").write_bytes(data)
 

@@ -141,6 +141,10 @@ class GainTrial:
     gains: Gains
     response: StepResponse
 
+    def document(self) -> dict[str, float]:
+        """Convert to one table of both for JSON."""
+        return vars(self.gains) | vars(self.response)
+
 
 @dataclass(frozen=True)
 class JointTuning:
@@ -166,7 +170,7 @@ class TuningReport:
     """What `tune` found.
 
     Attributes:
-        arm, tool: names, the tool "" when none
+        arm, tool: names, the tool None without one
         control: the preset that the gains are from
         friction: the joint model
         joints: in the arm's order
@@ -174,7 +178,7 @@ class TuningReport:
     """
 
     arm: str
-    tool: str
+    tool: str | None
     control: str
     friction: str
     joints: tuple[JointTuning, ...]
@@ -213,7 +217,7 @@ def tune(
     preset = how.control if how.control in described.control else next(iter(described.control))
     return TuningReport(
         described.name,
-        described.tool,
+        described.tool or None,
         preset,
         how.friction,
         tuple(found),

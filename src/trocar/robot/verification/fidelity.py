@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -17,6 +18,7 @@ from trocar.geometry.se3 import pose_difference
 from trocar.kinematics import forward
 from trocar.kinematics.inverse import inverse_kinematics
 from trocar.kinematics.loops import NEAR_FLAT_RAD, flattenings
+from trocar.robot.follow import replay
 from trocar.robot.verification.figures import Figure
 from trocar.simulation import World
 from trocar.simulation.arm import Arm
@@ -321,3 +323,19 @@ def masters_loops() -> Iterator[Figure]:
     gap, _, branch = loop_health(world, sine, round(TICK_S / world.timestep))
     yield Figure("mtm: loop gap along the test sine", 1e6 * gap, "um", 0.1)
     yield Figure("mtm: branch flips", float(not branch), "", 0.0)
+
+
+def replayed(log: str | Path) -> Iterator[Figure]:
+    """Drive a PSM along a recording of a real one (`trocar.robot.follow`).
+
+    Args:
+        log: recording, as for `replay`
+    """
+    report = replay(log, "psm")
+    for joint, rms in report.tracking_rms.items():
+        unit, limit = ("mm", 1.0) if joint == "insertion" else ("mrad", 10.0)
+        yield Figure(f"replay: tracking of {joint}", 1e3 * rms, unit, limit)
+    for joint, rms in report.effort_rms.items():
+        limit = 0.5 if joint in ("yaw", "pitch") else None
+        unit = "N" if joint == "insertion" else "N m"
+        yield Figure(f"replay: effort of {joint}, simulated - recorded", rms, unit, limit)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -159,6 +159,28 @@ def sweep(subject: Subject, drive: Drive, ranges: Ranges | None = None) -> Sweep
     else:
         actual, coordinates = _set(world, name, q[kept], v[kept])
     return SweepResult(drive, time[kept], q[kept], actual, coordinates)
+
+
+class Sweeps:
+    """Sweeps of an arm over its whole ranges that several experiments share.
+
+    Args:
+        subject: whose
+        watch: called before a sweep is simulated
+    """
+
+    def __init__(self, subject: Subject, watch: Callable[[str], None]) -> None:
+        self.subject = subject
+        self.watch = watch
+        self._done: dict[Drive, SweepResult] = {}
+
+    def sweep(self, drive: Drive) -> SweepResult:
+        """Simulate a sweep, or give the one that was simulated before."""
+        if drive not in self._done:
+            errors = "servos" if drive == "servo" else "no servo error"
+            self.watch(f"{self.subject.name}: a sweep, {errors}")
+            self._done[drive] = sweep(self.subject, drive)
+        return self._done[drive]
 
 
 def _set(world: World, name: str, q: Array, v: Array) -> tuple[Array, Array]:

@@ -2,32 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
+from inspect import signature
 from pathlib import Path
 
 from trocar.descriptions import load_arm
 from trocar.descriptions.overlay import apply_overlay, read_overlay
 from trocar.errors import InputError
+from trocar.robot.experiments import VERIFIED, Watch, chosen, names_of
 from trocar.robot.verification.figures import Figure, Part
-from trocar.robot.verification.formats import formats
-from trocar.robot.verification.linkage import axes, closure
+from trocar.robot.verification.linkage import axes
 from trocar.robot.verification.rcm import beside_hardware, has_remote_centre, rcm
-from trocar.robot.verification.subject import (
-    Drive,
-    Subject,
-    SweepResult,
-    measured_ranges,
-    sweep,
-    swept_joints,
-)
-from trocar.robot.verification.tracking import realtime, tracking
+from trocar.robot.verification.subject import Subject, Sweeps, measured_ranges, swept_joints
+from trocar.robot.verification.tracking import realtime
 
-#: What can be verified, in display order.
-PARTS = ("closure", "rcm", "axes", "tracking", "realtime", "formats")
+#: Names of the parts, in display order.
+PARTS = names_of(VERIFIED)
 #: The arms of the paper's experiments.
 ARMS = ("psm", "ecm")
-Watch = Callable[[str], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,33 +119,27 @@ def _subjects(arms: Sequence[str | Path], calibrations: Sequence[str | Path]) ->
     return subjects
 
 
-def _of_arm(subject: Subject, parts: Sequence[str], say: Watch) -> Iterator[Part]:
-    """Run what is of one arm."""
-    sweeps: dict[Drive, SweepResult] = {}
-    name, centred = subject.name, has_remote_centre(subject.arm.mechanism)
+def rcm_of_sweeps(subject: Subject, sweeps: Sweeps) -> Part:
+    """Estimate the remote centre from the shared sweeps, and beside a calibrated arm's hardware."""
+    if not (has_remote_centre(subject.arm.mechanism) and subject.simulated):
+        return rcm(subject, ())
+    beside = beside_hardware(subject, measured_ranges(subject))
+    return rcm(subject, (sweeps.sweep("set"), sweeps.sweep("servo")), beside)
 
-    def swept(drive: Drive) -> SweepResult:
-        if drive not in sweeps:
-            say(f"{name}: a sweep, {'servos' if drive == 'servo' else 'no servo error'}")
-            sweeps[drive] = sweep(subject, drive)
-        return sweeps[drive]
 
-    if "closure" in parts:
-        say(f"{name}: closure")
-        yield closure(subject)
-    if "rcm" in parts:
-        able = centred and subject.simulated
-        ranges = measured_ranges(subject) if able else {}
-        if ranges:
-            say(f"{name}: sweeps over the measured range")
-        again = beside_hardware(subject, ranges) if able else []
-        yield rcm(subject, (swept("set"), swept("servo")) if able else (), again)
-    if "axes" in parts:
-        able = subject.simulated and bool(swept_joints(subject.arm.mechanism))
-        yield axes(subject, swept("servo") if able else None)
-    if "tracking" in parts:
-        say(f"{name}: tracking")
-        yield tracking(subject)
-    if "formats" in parts:
-        say(f"{name}: formats")
-        yield formats(subject)
+def axes_of_sweeps(subject: Subject, sweeps: Sweeps) -> Part:
+    """Compare the distances of axes with Table 6, also in motion where an arm can be swept."""
+    able = subject.simulated and bool(swept_joints(subject.arm.mechanism))
+    return axes(subject, sweeps.sweep("servo") if able else None)
+
+
+def _of_arm(subject: Subject, parts: Collection[str], say: Watch) -> Iterator[Part]:
+    """Run the parts that are of one arm."""
+    sweeps = Sweeps(subject, say)
+    for experiment in chosen(VERIFIED, parts):
+        if experiment.name == "realtime":
+            continue
+        say(f"{subject.name}: {experiment.name}")
+        measure = experiment.load()
+        shared = (sweeps,) if "sweeps" in signature(measure).parameters else ()
+        yield measure(subject, *shared)

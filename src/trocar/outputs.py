@@ -14,7 +14,7 @@ import re
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from enum import Enum
@@ -54,7 +54,7 @@ def check_file(path: str | Path, overwrite: bool = False) -> Path:
 
 
 @contextmanager
-def whole_file(path: str | Path, overwrite: bool = False) -> Iterator[Path]:
+def whole_file(path: str | Path, overwrite: bool = False) -> Generator[Path]:
     """Yield the path of an empty file, which becomes the output file when the block ends.
 
     After an error in the block there is no new file, and an existing one is unchanged.
@@ -127,7 +127,7 @@ def locked_stream(path: str | Path, overwrite: bool = False) -> FileIO:
 
 
 @contextmanager
-def whole_folder(folder: str | Path, overwrite: bool = False) -> Iterator[Path]:
+def whole_folder(folder: str | Path, overwrite: bool = False) -> Generator[Path]:
     """Yield an empty folder, whose content moves to `folder` when the block ends.
 
     After an error in the block nothing of it stays. With `overwrite`, existing entries of the same
@@ -184,7 +184,7 @@ def _exists(target: Path) -> InputError:
 
 
 @contextmanager
-def _writing(target: Path) -> Iterator[None]:
+def _writing(target: Path) -> Generator[None]:
     try:
         yield
     except OSError as error:
@@ -259,16 +259,17 @@ def document(record: Any) -> Any:
     Returns:
         dictionaries, lists, texts, numbers, booleans and None; NaN and infinity are None
     """
+    value: Any = record
     if isinstance(record, Mapping):
-        return {str(key): document(item) for key, item in record.items()}
+        return {str(key): document(item) for key, item in value.items()}
     if is_dataclass(record) and not isinstance(record, type):
         if hasattr(record, "document"):
-            return document(record.document())
-        return {field.name: document(getattr(record, field.name)) for field in fields(record)}
+            return document(value.document())
+        return {field.name: document(getattr(value, field.name)) for field in fields(record)}
     if hasattr(record, "tolist"):  # an array or a number of numpy, which is not imported here
-        return document(record.tolist())
+        return document(value.tolist())
     if isinstance(record, list | tuple):
-        return [document(item) for item in record]
+        return [document(item) for item in value]
     if isinstance(record, float):
         return record + 0.0 if math.isfinite(record) else None
     if isinstance(record, Enum):

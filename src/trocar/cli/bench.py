@@ -9,7 +9,7 @@ benchmarks --help lists more, in the repository. See docs/performance.md.
 from __future__ import annotations
 
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from trocar.cli.arguments import add_json, allow, options
 from trocar.cli.output import print_result, progress_steps, table
@@ -83,7 +83,8 @@ def run(args: Namespace) -> int:
     found: list[Figure] = []
     with progress_steps("measuring", sum(e.steps for e in experiments)) as watch:
         for experiment in experiments:
-            (rows if experiment.name == "speed" else found).extend(experiment.measure(given, watch))
+            measured: list[Any] = rows if experiment.name == "speed" else found
+            measured += experiment.measure(given, watch)
     blocks = [_speeds(rows)] if rows else []
     blocks += [table(*figure_rows(found))] if found else []
     print_result(args, {"table9": rows, "figures": found}, lambda: "\n\n".join(blocks))

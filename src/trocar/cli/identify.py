@@ -16,8 +16,7 @@ from trocar.cli.arguments import add_json, add_overwrite, allow, options
 from trocar.cli.output import print_result, progress_steps, table
 
 if TYPE_CHECKING:
-    from argparse import _ActionsContainer
-
+    from trocar.cli.arguments import Arguments
     from trocar.robot.identification import (
         FilteredLog,
         Identified,
@@ -52,7 +51,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_json(parser)
 
 
-def add_log(parser: _ActionsContainer) -> None:
+def add_log(parser: Arguments) -> None:
     """Add the arm of a log, and how to read the log."""
     options(parser, """
         --arm ARM = psm              built-in arm (see trocar list arms) or TOML file

@@ -29,7 +29,7 @@ PIECE_PERIODS = 1000
 
 @dataclass(frozen=True)
 class Difference:
-    """Where a repeated motion left the recorded one.
+    """First difference of a repeated motion from the recorded one.
 
     Attributes:
         time: simulated time of the first block that differs [s]
@@ -46,7 +46,7 @@ class Difference:
 
 @dataclass(frozen=True)
 class RepeatReport:
-    """What came of repeating a recording.
+    """Result of repeating a recording.
 
     Attributes:
         file, rig: what was repeated

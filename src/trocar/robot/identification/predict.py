@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class LogSettings:
-    """How a log is to be read.
+    """Settings for reading a log.
 
     Attributes:
         tool: that was mounted; None: the default of the description
@@ -47,8 +47,7 @@ class LogSettings:
             return usual
         if not self.cutoff_hz > 0.0:
             raise InputError(f"cut-off: got {self.cutoff_hz:g} Hz; allowed: more than 0")
-        values = asdict(usual)
-        return FilterSettings(**{**values, "cutoff_hz": self.cutoff_hz})
+        return replace(usual, cutoff_hz=self.cutoff_hz)
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,10 +166,12 @@ def plot(prediction: Prediction) -> bytes:
         MissingExtraError: matplotlib is not installed
     """
     columns = prediction.log.log.columns
-    figure = new_figure(9.0, 1.35 * len(columns) + 0.6, "drawing efforts")
+    figure: Any = new_figure(9.0, 1.35 * len(columns) + 0.6, "drawing efforts")
     axes = figure.subplots(len(columns), 1, sharex=True)
     time = np.arange(len(prediction.effort)) / prediction.log.log.rate_hz
-    for k, (ax, name) in enumerate(zip(np.atleast_1d(axes), columns, strict=True)):
+    for k, (ax, name) in enumerate(
+        zip(cast("list[Any]", np.atleast_1d(axes)), columns, strict=True)
+    ):
         measured, predicted = prediction.effort[:, k], prediction.predicted[:, k]
         ax.plot(time, measured, color=MEASURED, linewidth=0.9, label="measured")
         ax.plot(time, predicted, color=SETPOINT, linewidth=0.9, label="predicted")

@@ -8,7 +8,7 @@ from inspect import signature
 from pathlib import Path
 
 from trocar.descriptions import load_arm
-from trocar.descriptions.overlay import apply_overlay, read_overlay
+from trocar.descriptions.overlay import Overlay, apply_overlay, read_overlay
 from trocar.errors import InputError
 from trocar.robot.experiments import VERIFIED, Watch, chosen, names_of
 from trocar.robot.verification.figures import Figure, Part
@@ -25,7 +25,7 @@ ARMS = ("psm", "ecm")
 
 @dataclass(frozen=True, eq=False)
 class Verification:
-    """What every part found."""
+    """The parts of a verification."""
 
     parts: tuple[Part, ...]
 
@@ -36,12 +36,12 @@ class Verification:
 
     @property
     def judged(self) -> int:
-        """How many figures have a tolerance."""
+        """Number of figures with a tolerance."""
         return sum(f.met is not None for part in self.parts for f in part.figures)
 
     @property
     def stated(self) -> int:
-        """How many figures have no tolerance."""
+        """Number of figures without a tolerance."""
         return sum(f.met is None for part in self.parts for f in part.figures)
 
     @property
@@ -71,7 +71,7 @@ def verify(
         arms: built-in arms or TOML files; when omitted those of the calibrations, or PSM and ECM
         calibrations: overlays, each laid over the arm that it is of
         parts: what to verify, of PARTS
-        watch: told what is measured next
+        watch: called with the step that begins
 
     Raises:
         InputError: no such part or arm, an overlay of another arm, or nothing to verify
@@ -81,7 +81,7 @@ def verify(
         if part not in PARTS:
             raise InputError(f"part: got {part!r}; allowed: {', '.join(PARTS)}")
     subjects = _subjects(arms, calibrations)
-    say = watch or (lambda _: None)
+    say = watch or _say_nothing
     found = [each for s in subjects for each in _of_arm(s, parts, say)]
     if "realtime" in parts:
         found.append(realtime(say))
@@ -92,13 +92,17 @@ def verify(
     return Verification(tuple(sorted(found, key=lambda part: order[part.name])))
 
 
+def _say_nothing(_: str) -> None:
+    pass
+
+
 def _subjects(arms: Sequence[str | Path], calibrations: Sequence[str | Path]) -> list[Subject]:
     """Load every arm with the overlay that is for it.
 
     Raises:
         InputError: an overlay of an arm that is not verified, or two of one arm
     """
-    overlays = {}
+    overlays: dict[str, tuple[Overlay, str]] = {}
     for file in calibrations:
         overlay = read_overlay(file)
         if overlay.arm in overlays:

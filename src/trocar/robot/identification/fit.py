@@ -462,7 +462,7 @@ def base_parameters(
     sigma = np.sqrt(np.maximum(variance, 0.0))
     names = model.names
     return BaseParameters(
-        tuple(names[k] for k in chosen),
+        tuple(names[k] for k in cast("list[int]", chosen.tolist())),
         combinations,
         combinations @ values,
         sigma,

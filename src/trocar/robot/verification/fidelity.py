@@ -181,8 +181,8 @@ def static_gravity() -> Iterator[Figure]:
     for name in ("psm", "ecm"):
         arm = load_arm(name)
         lower, upper = arm.mechanism.lower[:3], arm.mechanism.upper[:3]
-        axes = (np.linspace(a, b, 11) for a, b in zip(lower, upper, strict=True))
-        grid = cast("tuple[Array, ...]", np.meshgrid(*axes))
+        axes = [cast("Array", np.linspace(a, b, 11)) for a, b in zip(lower, upper, strict=True)]
+        grid = np.meshgrid(*axes)
         q = np.zeros((11**3, len(arm.joints)))
         q[:, :3] = np.stack([g.ravel() for g in grid], axis=-1)
         limits = np.array([j.effort_max for j in arm.joints])

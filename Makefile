@@ -64,7 +64,7 @@ define install
 $(call pip,$(1),--constraint constraints.txt --build-constraint constraints.txt --editable '.$(2)')
 endef
 
-.PHONY: help venv run quick test slow kernels check skipped lint bench speed attack cad docs hashes licences ros1-venv clean
+.PHONY: help venv run quick test slow kernels check skipped lint bench speed attack cad docs dist hashes licences ros1-venv clean
 
 help: ## say what can be made
 	@sed -n 's/^\([a-z0-9-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 18
@@ -129,6 +129,9 @@ docs: .venv/.ready-docs ## build the documentation into site/, an API reference 
 	for page in command_line topics scenes errata calls; do $(BIN)/python tools/docs/$$page.py || exit; done
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 	@echo "site/index.html is the documentation."
+
+dist: .venv/.ready-run ## build wheel and sdist into dist/
+	$(BIN)/python -m hatchling build --clean
 
 hashes: .venv/.ready-run ## write requirements.txt again, after a change of constraints.txt
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt uv

@@ -541,8 +541,7 @@ def main(words: Sequence[str]) -> int:
     exceeding = [figure for figure in found if args.worst is not None and figure.exceeds(worst)]
     if args.json:
         names = [figure.quantity.name for figure in exceeding]
-        figures = [figure.document() for figure in found]
-        print_json({"commit": commit, "worst": args.worst, "exceeded": names, "figures": figures})
+        print_json({"commit": commit, "worst": args.worst, "exceeded": names, "figures": found})
     else:
         print(f"then: {commit}; now: this tree; medians of pairs in turn")
         print(table(HEAD, [figure.row() for figure in found]))

@@ -263,6 +263,16 @@ MEASURES = (("error RMS", "m", "mm"), ("error largest", "m", "mm"), ("time", "s"
 Results = dict[str, dict[str, list[Trial]]]
 
 
+def assistance_figures(
+    watch: Callable[[str], None], seeds: int = 50, output: Path | None = None
+) -> list[Figure]:
+    """Measure the operator with `seeds` trials of each, and draw some into `output` if named."""
+    results = assistance(seeds, watch)
+    if output is not None:
+        output.write_bytes(draw(results))
+    return figures(results)
+
+
 def assistance(seeds: int, watch: Callable[[str], None]) -> Results:
     """Return the trials of each path and condition, which run in processes of their own.
 

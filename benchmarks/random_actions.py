@@ -41,7 +41,10 @@ class Extremes:
 
 
 def random_actions(
-    scenes: Sequence[str], episodes: int, duration_s: float, watch: Callable[[str], None]
+    scenes: Sequence[str] = (),
+    episodes: int = 1000,
+    duration_s: float = EPISODE_S,
+    watch: Callable[[str], None] = lambda _: None,
 ) -> list[Figure]:
     """Return the figures of scenes, all built-in ones when none is named, with seeds from 0 on."""
     found: list[Figure] = []

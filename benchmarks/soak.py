@@ -142,6 +142,16 @@ def soak(
     return Soak(found, windows)
 
 
+def soak_figures(
+    watch: Callable[[str], None], duration_s: float = DURATION_S, output: Path | None = None
+) -> list[Figure]:
+    """Measure a soak, and plot it into the file `output` where one is named."""
+    found = soak(duration_s, watch)
+    if output is not None:
+        output.write_bytes(draw(found.windows))
+    return found.figures
+
+
 def compared(windows: Sequence[Window], arm: str) -> list[Figure]:
     """Return the figures of windows, the last beside the first; `arm` rests, "" for none."""
     first, last, whole = windows[0], windows[-1], windows[0]

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import json
+import math
 import multiprocessing
 import os
 import sys
+from dataclasses import dataclass
+from enum import Enum
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from trocar.errors import InputError, TrocarError
-from trocar.outputs import check_file, locked_stream, whole_file
+from trocar.outputs import check_file, document, json_text, locked_stream, whole_file
 
 LINKS = pytest.mark.skipif(sys.platform == "win32", reason="links need a privilege there")
 
@@ -134,3 +140,44 @@ def test_a_recording_of_another_program_is_not_replaced_while_it_runs(tmp_path: 
     other.join()
     locked_stream(file, overwrite=True).close()
     assert file.read_bytes() == b""
+
+
+class Colour(Enum):
+    RED = "red"
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    file: Path
+    values: Any
+    colour: Colour
+
+
+@dataclass(frozen=True)
+class Total:
+    mass_kg: float
+
+    def document(self) -> dict[str, float]:
+        return {"mass_g": 1e3 * self.mass_kg}
+
+
+def test_a_record_becomes_a_document_of_json_types() -> None:
+    record = Entry(Path("a.csv"), {"t_s": np.array([[1.0, np.nan], [-0.0, np.inf]])}, Colour.RED)
+    expected = {
+        "file": "a.csv",
+        "values": {"t_s": [[1.0, None], [0.0, None]]},
+        "colour": "red",
+    }
+    assert document(record) == expected
+    assert json.loads(json_text([record]), parse_constant=pytest.fail) == [expected]
+    assert math.copysign(1.0, document(record)["values"]["t_s"][1][0]) == 1.0
+
+
+def test_a_record_with_a_document_of_its_own_is_written_by_it() -> None:
+    assert document({"each": (Total(0.5),)}) == {"each": [{"mass_g": 500.0}]}
+
+
+def test_innermost_lists_stand_on_one_line() -> None:
+    assert json_text({"q": np.zeros((2, 2))}) == (
+        '{\n  "q": [\n    [0.0, 0.0],\n    [0.0, 0.0]\n  ]\n}'
+    )

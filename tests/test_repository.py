@@ -12,6 +12,7 @@ from importlib import metadata
 from pathlib import Path
 
 import pytest
+import yaml
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
@@ -80,12 +81,15 @@ def test_the_version_has_one_home() -> None:
     assert re.fullmatch(r"\d+\.\d+\.\d+", trocar.__version__)
 
 
-def test_the_changelog_speaks_of_this_version_or_of_the_next() -> None:
-    headings = re.findall(
-        r"^## \[(.+?)\]", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE
-    )
-    assert headings
-    assert headings[0] in ("Unreleased", trocar.__version__)
+def test_changelog_citation_and_package_name_the_same_newest_release() -> None:
+    changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    unreleased, newest, *_ = re.findall(r"^## (.+)", changelog, re.MULTILINE)
+    assert unreleased == "[Unreleased]"
+    found = re.fullmatch(r"\[(\d+\.\d+\.\d+)\] - (\d{4}-\d\d-\d\d)", newest)
+    assert found, newest
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert (str(citation["version"]), str(citation["date-released"])) == found.groups()
+    assert trocar.__version__ == found[1]
 
 
 def pins() -> dict[str, str]:

@@ -1,19 +1,26 @@
-"""Output files and folders: whole or not at all; existing ones are replaced only if allowed.
+"""Output files and folders, whole or not at all, and JSON documents of records.
 
 A file is built beside its place and moved there when it is whole. A recording, which grows where it
-is, is locked against other programs. No output is written through a symbolic link.
+is, is locked against other programs. Existing files are replaced only if allowed, and no output is
+written through a symbolic link.
 """
 
 from __future__ import annotations
 
+import json
+import math
 import os
+import re
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Generator, Mapping
 from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
+from enum import Enum
 from io import FileIO
 from pathlib import Path
+from typing import Any
 
 from trocar.errors import InputError, TrocarError
 
@@ -47,7 +54,7 @@ def check_file(path: str | Path, overwrite: bool = False) -> Path:
 
 
 @contextmanager
-def whole_file(path: str | Path, overwrite: bool = False) -> Iterator[Path]:
+def whole_file(path: str | Path, overwrite: bool = False) -> Generator[Path]:
     """Yield the path of an empty file, which becomes the output file when the block ends.
 
     After an error in the block there is no new file, and an existing one is unchanged.
@@ -120,7 +127,7 @@ def locked_stream(path: str | Path, overwrite: bool = False) -> FileIO:
 
 
 @contextmanager
-def whole_folder(folder: str | Path, overwrite: bool = False) -> Iterator[Path]:
+def whole_folder(folder: str | Path, overwrite: bool = False) -> Generator[Path]:
     """Yield an empty folder, whose content moves to `folder` when the block ends.
 
     After an error in the block nothing of it stays. With `overwrite`, existing entries of the same
@@ -177,7 +184,7 @@ def _exists(target: Path) -> InputError:
 
 
 @contextmanager
-def _writing(target: Path) -> Iterator[None]:
+def _writing(target: Path) -> Generator[None]:
     try:
         yield
     except OSError as error:
@@ -240,3 +247,41 @@ def write_text(path: str | Path, text: str, overwrite: bool = False) -> None:
     """
     with whole_file(path, overwrite) as part:
         part.write_text(text, encoding="utf-8", newline="\n")
+
+
+def document(record: Any) -> Any:
+    """Convert a record to JSON types.
+
+    Args:
+        record: a dataclass, by its fields or by its method `document` where it has one; mappings,
+            sequences, arrays, enumerations and paths, nested at will
+
+    Returns:
+        dictionaries, lists, texts, numbers, booleans and None; NaN and infinity are None
+    """
+    value: Any = record
+    if isinstance(record, Mapping):
+        return {str(key): document(item) for key, item in value.items()}
+    if is_dataclass(record) and not isinstance(record, type):
+        if hasattr(record, "document"):
+            return document(value.document())
+        return {field.name: document(getattr(value, field.name)) for field in fields(record)}
+    if hasattr(record, "tolist"):  # an array or a number of numpy, which is not imported here
+        return document(value.tolist())
+    if isinstance(record, list | tuple):
+        return [document(item) for item in value]
+    if isinstance(record, float):
+        return record + 0.0 if math.isfinite(record) else None
+    if isinstance(record, Enum):
+        return document(record.value)
+    return str(record) if isinstance(record, Path) else record
+
+
+def json_text(record: Any) -> str:
+    """Write a record as an indented JSON document, innermost lists on one line.
+
+    Args:
+        record: as for `document`
+    """
+    text = json.dumps(document(record), indent=2, allow_nan=False)
+    return re.sub(r"\[\n[^][{}]*\]", lambda m: f"[{' '.join(m[0][1:-1].split())}]", text)

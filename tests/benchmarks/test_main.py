@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 from pathlib import Path
 
 import pytest
 
 from benchmarks.__main__ import main
+from benchmarks.experiments import EXPERIMENTS
+from trocar.robot.experiments import BENCHED, VERIFIED, Experiment
 
 
 def test_a_soak_is_one_document(capsys: pytest.CaptureFixture[str]) -> None:
@@ -48,3 +51,23 @@ def test_a_soak_is_plotted(tmp_path: Path) -> None:
 def test_a_plot_of_another_benchmark_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["startup", "-o", "x.png"]) == 2
     assert "--output: allowed with soak or assistance only" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("row", [*EXPERIMENTS, *BENCHED, *VERIFIED], ids=lambda e: e.home)
+def test_a_row_of_a_registry_names_a_function_that_takes_its_options(row: Experiment) -> None:
+    parameters = inspect.signature(row.load()).parameters
+    required = {n for n, p in parameters.items() if p.default is p.empty}
+    assert {*row.options.values(), *row.defaults} <= parameters.keys()
+    if row not in VERIFIED:
+        assert required <= {"watch", *row.options.values()}
+
+
+def test_an_option_of_none_of_the_experiments_is_refused(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["startup", "--scene", "peg-board"]) == 2
+    assert "--scene: allowed with tasks or random-actions only" in capsys.readouterr().err
+    assert main(["laws", "--only", "tips"]) == 2
+    assert "--only: allowed with vision only" in capsys.readouterr().err
+    assert main(["nothing"]) == 2
+    assert "argument NAME: got 'nothing'; allowed: startup, recording" in capsys.readouterr().err

@@ -85,13 +85,6 @@ def test_people_read_metres_and_a_quaternion(trocar):
     ]
 
 
-def test_people_read_a_table_of_frames(trocar):
-    out = trocar("fk", "ecm", 0, 0, 0.12, 0, "--frame", "all").out.splitlines()
-    assert out[0] == "ecm: every frame in rcm"
-    assert out[2].split("  ")[1] == "frame" and "x [m]" in out[2] and "qw" in out[2]
-    assert len(out) == 3 + len(load_arm("ecm").mechanism.frame_names)
-
-
 def test_beyond_a_limit_is_computed_with_a_warning(trocar):
     answer = trocar("fk", "ecm", 0, 0, 0.3, 0, "--json")
     assert answer.status == 0

@@ -210,7 +210,7 @@ def test_bench_says_that_a_part_comes_before_calibration(capsys):
 
 @pytest.mark.slow
 def test_bench_calibrates_robots_that_it_has_not_seen(capsys, monkeypatch):
-    monkeypatch.setattr("trocar.robot.verification.fidelity.fidelity", lambda *_: [])
+    monkeypatch.setattr("trocar.robot.verification.fidelity.fidelity", lambda **_: [])
     assert main(["bench", "fidelity", "--calibration", "--robots", "1", "--json"]) == 0
     found = {f["name"]: f for f in json.loads(capsys.readouterr().out)["figures"]}
     for name in ("psm", "ecm"):

@@ -6,17 +6,23 @@ import argparse
 import re
 import textwrap
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn, Protocol
 
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
-    from argparse import _ActionsContainer
-
     from _typeshed import SupportsWrite
 
 #: Port of the web viewer.
 PORT = 8080
+
+
+class Arguments(Protocol):
+    """A parser or a group of its arguments."""
+
+    def add_argument(self, *names: str, **keywords: Any) -> argparse.Action:
+        """Add an argument, as `argparse.ArgumentParser.add_argument`."""
+        ...
 
 
 class Parser(argparse.ArgumentParser):
@@ -75,7 +81,7 @@ ROW = re.compile(
 )
 
 
-def options(parser: _ActionsContainer, table: str, **types: Callable[[str], Any]) -> None:
+def options(parser: Arguments, table: str, **types: Callable[[str], Any]) -> None:
     """Add arguments from a table that reads like --help.
 
     A row is `-o,--output FILE:type = default  help`; its help may go on in indented lines. Rows
@@ -161,7 +167,7 @@ def add_arm(parser: argparse.ArgumentParser) -> None:
     """)  # fmt: skip
 
 
-def add_calibration(parser: _ActionsContainer) -> None:
+def add_calibration(parser: Arguments) -> None:
     """Add the calibration overlay of one arm."""
     options(parser, """
         --calibration OVERLAY ...
@@ -172,7 +178,7 @@ def add_calibration(parser: _ActionsContainer) -> None:
     """)  # fmt: skip
 
 
-def add_calibrations(parser: _ActionsContainer) -> None:
+def add_calibrations(parser: Arguments) -> None:
     """Add the calibration overlays of a rig's arms."""
     options(parser, """
         --calibration [ARM=]OVERLAY ...
@@ -184,7 +190,7 @@ def add_calibrations(parser: _ActionsContainer) -> None:
     """)  # fmt: skip
 
 
-def add_gains(parser: _ActionsContainer) -> None:
+def add_gains(parser: Arguments) -> None:
     """Add the presets of servo gains and joint friction."""
     options(parser, """
         --control dvrk|paper = dvrk         servo gain preset
@@ -193,7 +199,7 @@ def add_gains(parser: _ActionsContainer) -> None:
 
 
 def add_rig(
-    parser: _ActionsContainer, rig: str | None = "full_cart", chosen: str = "chosen by command"
+    parser: Arguments, rig: str | None = "full_cart", chosen: str = "chosen by command"
 ) -> None:
     """Add the rig.
 
@@ -209,21 +215,21 @@ def add_rig(
     )
 
 
-def add_port(parser: _ActionsContainer) -> None:
+def add_port(parser: Arguments) -> None:
     """Add the port of the web viewer."""
     options(parser, f"""
         --port N:int = {PORT}  web viewer port (default: {PORT}, 0 = any free port)
     """)  # fmt: skip
 
 
-def add_origin(parser: _ActionsContainer) -> None:
+def add_origin(parser: Arguments) -> None:
     """Add the origins of web pages that are allowed to connect."""
     options(parser, """
         --origin URL ...  allow web pages of this origin, e.g. http://localhost:3000 (repeatable)
     """)  # fmt: skip
 
 
-def add_overwrite(parser: _ActionsContainer, what: str = "an existing output file") -> None:
+def add_overwrite(parser: Arguments, what: str = "an existing output file") -> None:
     """Add the permission to replace output files."""
     options(parser, f"""
         --overwrite  replace {what}

@@ -1,22 +1,20 @@
 """Benchmark speed and accuracy, and compare each figure with its goal.
 
-PART speed measures the configurations of the paper's Table 9 against bare MuJoCo in the same run:
-compare the ratio, because the real-time factor depends on the machine. PART fidelity measures
-accuracy; with --calibration, also what `trocar calibrate` makes of robots that it has not seen:
-accuracy, intervals, exchanged labels, broken loops, setup joints (half an hour). PART core, only if
-named, measures the cost of API calls in physics steps. --log adds the replay of a recording.
-python -m benchmarks --help lists more, in the repository. See docs/performance.md.
+The real-time factor of PART speed depends on the machine: compare the ratio to bare MuJoCo. With
+--calibration, fidelity also measures what `trocar calibrate` makes of robots that it has not seen:
+accuracy, intervals, exchanged labels, broken loops, setup joints (half an hour). python -m
+benchmarks --help lists more, in the repository. See docs/performance.md.
 """
 
 from __future__ import annotations
 
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
-from dataclasses import asdict
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from trocar.cli.arguments import add_json, allow, options
 from trocar.cli.output import print_result, progress_steps, table
 from trocar.errors import InputError
+from trocar.robot.experiments import BENCHED, chosen, listed, names_of
 
 if TYPE_CHECKING:
     from trocar.robot.verification.figures import Figure
@@ -25,19 +23,15 @@ if TYPE_CHECKING:
 SUMMARY = "benchmark speed against bare MuJoCo, and accuracy"
 ORDER = 200
 
-#: The parts that are measured by default, and all parts.
-PARTS = ("speed", "fidelity")
-ALL_PARTS = (*PARTS, "core")
-#: Progress steps that each part reports, for the time estimate of the progress bar.
-STEPS = {"speed": 6, "fidelity": 11, "core": 10}
-#: The same of --calibration.
-CALIBRATION_STEPS = 6
+#: Experiments that PART names; options choose the others.
+PARTS = BENCHED[:3]
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
+    usual = ", ".join(names_of(chosen(PARTS, ())))
     options(parser, f"""
-        part PART:part [...]       benchmark: {', '.join(ALL_PARTS)} (default: {', '.join(PARTS)})
+        part PART:part [...]       {listed(PARTS)} (default: {usual})
         --duration S:number = 10   simulated time per pass
         --passes N:int = 5         number of interleaved passes
         --poses N:int = 10000      number of inverse-kinematics poses
@@ -59,14 +53,10 @@ def run(args: Namespace) -> int:
             f" --robots {args.robots}; allowed: above 0"
         )
     from trocar.descriptions.overlay import read_overlay
-    from trocar.robot.verification.fidelity import fidelity
     from trocar.robot.verification.figures import figure_rows
-    from trocar.robot.verification.speed import table9
-    from trocar.robot.verification.unseen_robots import unseen_robots
-    from trocar.robot.verification.verb_costs import core
 
     for word in args.calibration or ():
-        if word in ALL_PARTS:
+        if word in names_of(PARTS):
             raise InputError(
                 f"--calibration: got the PART {word!r}; PART comes first, as in"
                 f" `trocar bench {word} --calibration OVERLAY`"
@@ -80,56 +70,31 @@ def run(args: Namespace) -> int:
     calibrating = args.calibration == []
     if calibrating and "fidelity" not in args.part:
         raise InputError("--calibration without an OVERLAY: allowed with PART fidelity only")
-    parts = args.part or (("speed",) if overlays else PARTS)
-    if "speed" not in parts:
-        allow(args, "with PART speed", "duration", "passes")
-    if "fidelity" not in parts:
-        allow(args, "with PART fidelity", "poses")
+    names = args.part or (("speed",) if overlays else names_of(chosen(PARTS, ())))
+    for part in PARTS:
+        if part.name not in names:
+            allow(args, f"with PART {part.name}", *part.options)
     if not calibrating:
         allow(args, "with --calibration without an OVERLAY", "robots")
+    names = {*names, *(["calibration"] if calibrating else []), *(["replay"] if args.log else [])}
+    experiments = chosen(BENCHED, names)
+    given = {**vars(args), "overlays": overlays}
     rows: list[Table9Row] = []
     found: list[Figure] = []
-    steps = sum(STEPS[part] for part in parts) + bool(args.log)
-    steps += CALIBRATION_STEPS if calibrating else 0
-    with progress_steps("measuring", steps) as watch:
-        if "speed" in parts:
-            rows = table9(args.duration, args.passes, watch, overlays)
-        if "fidelity" in parts:
-            found += fidelity(watch, args.poses)
-        if "core" in parts:
-            found += core(watch)
-        if calibrating:
-            found += unseen_robots(args.robots, watch)
-        if args.log:
-            watch("replay")
-            found += _replayed(args.log)
-    document = {"table9": [asdict(r) for r in rows], "figures": [f.document() for f in found]}
+    with progress_steps("measuring", sum(e.steps for e in experiments)) as watch:
+        for experiment in experiments:
+            measured: list[Any] = rows if experiment.name == "speed" else found
+            measured += experiment.measure(given, watch)
     blocks = [_speeds(rows)] if rows else []
     blocks += [table(*figure_rows(found))] if found else []
-    print_result(args, document, lambda: "\n\n".join(blocks))
+    print_result(args, {"table9": rows, "figures": found}, lambda: "\n\n".join(blocks))
     return 0
 
 
 def _part(name: str) -> str:
-    if name not in ALL_PARTS:  # argparse's own choices reject an empty list
-        raise ArgumentTypeError(f"got {name!r}; allowed: {', '.join(ALL_PARTS)}")
+    if name not in names_of(PARTS):  # argparse's own choices reject an empty list
+        raise ArgumentTypeError(f"got {name!r}; allowed: {', '.join(names_of(PARTS))}")
     return name
-
-
-def _replayed(log: str) -> list[Figure]:
-    from trocar.robot.follow import ReplaySettings, replay
-    from trocar.robot.verification.figures import Figure
-
-    report = replay(log, "psm", ReplaySettings())
-    found: list[Figure] = []
-    for joint, rms in report.tracking_rms.items():
-        unit, limit = ("mm", 1.0) if joint == "insertion" else ("mrad", 10.0)
-        found.append(Figure(f"replay: tracking of {joint}", 1e3 * rms, unit, limit))
-    for joint, rms in report.effort_rms.items():
-        limit = 0.5 if joint in ("yaw", "pitch") else None
-        unit = "N" if joint == "insertion" else "N m"
-        found.append(Figure(f"replay: effort of {joint}, simulated - recorded", rms, unit, limit))
-    return found
 
 
 def _speeds(rows: list[Table9Row]) -> str:

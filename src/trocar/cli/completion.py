@@ -7,8 +7,12 @@ fish: trocar completion fish > ~/.config/fish/completions/trocar.fish
 
 from __future__ import annotations
 
-from argparse import SUPPRESS, Action, ArgumentParser, Namespace, _SubParsersAction
-from collections.abc import Iterator
+from argparse import PARSER, SUPPRESS, Action, ArgumentParser, Namespace
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, cast
+
+if TYPE_CHECKING:
+    from trocar.descriptions.catalogue import Shelf
 
 SUMMARY = "print a shell completion script"
 ORDER = 220
@@ -45,8 +49,8 @@ def _commands() -> Iterator[tuple[str, str, list[Action]]]:
     from trocar.cli.program import COMMANDS, build_parser
 
     # argparse has no public way to list arguments.
-    (commands,) = (a for a in build_parser()._actions if isinstance(a, _SubParsersAction))
-    for name, parser in commands.choices.items():
+    (choices,) = (a.choices for a in build_parser()._actions if a.nargs == PARSER)
+    for name, parser in cast("Mapping[str, ArgumentParser]", choices).items():
         yield name, COMMANDS[name], [a for a in parser._actions if a.help != SUPPRESS]
 
 
@@ -56,7 +60,12 @@ def _values(action: Action) -> list[str]:
 
     if action.choices is not None:
         return [str(choice) for choice in action.choices]
-    kinds = {"--rig": ("rigs",), "ARM": ("arms",), "--arm": ("arms",), "ARM|RIG": ("arms", "rigs")}
+    kinds: dict[str, tuple[Shelf, ...]] = {
+        "--rig": ("rigs",),
+        "ARM": ("arms",),
+        "--arm": ("arms",),
+        "ARM|RIG": ("arms", "rigs"),
+    }
     key = action.option_strings[-1] if action.option_strings else str(action.metavar)
     return [name for kind in kinds.get(key, ()) for name in names(kind)]
 

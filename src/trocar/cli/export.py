@@ -7,12 +7,11 @@ file to export the rig. If the export fails, nothing is written. See docs/export
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_calibrations, add_json, add_overwrite, options
-from trocar.cli.output import print_json, progress_steps, warn
+from trocar.cli.output import print_result, progress_steps, warn
 
 if TYPE_CHECKING:
     from trocar.descriptions import RigDescription
@@ -71,10 +70,7 @@ def run(args: Namespace) -> int:
         done = export(rig, args.format, args.out, chosen, draw=_draw, overwrite=args.overwrite)
     for text in done.warnings:
         warn(text)
-    if args.json:
-        print_json({**asdict(done), "folder": str(done.folder)})
-    else:
-        print(_report(done))
+    print_result(args, done, lambda: _report(done))
     return 0
 
 

@@ -9,16 +9,14 @@ recording of a simulation. See docs/dynamics.md.
 
 from __future__ import annotations
 
-import json
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from typing import TYPE_CHECKING, Any
 
 from trocar.cli.arguments import add_json, add_overwrite, allow, options
-from trocar.cli.output import plain, print_result, progress_steps, table
+from trocar.cli.output import print_result, progress_steps, table
 
 if TYPE_CHECKING:
-    from argparse import _ActionsContainer
-
+    from trocar.cli.arguments import Arguments
     from trocar.robot.identification import (
         FilteredLog,
         Identified,
@@ -53,7 +51,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_json(parser)
 
 
-def add_log(parser: _ActionsContainer) -> None:
+def add_log(parser: Arguments) -> None:
     """Add the arm of a log, and how to read the log."""
     options(parser, """
         --arm ARM = psm              built-in arm (see trocar list arms) or TOML file
@@ -171,8 +169,7 @@ def run(args: Namespace) -> int:
     document = _document(found, scored, held_out, args.output)
     write_overlay(args.output, overlay, overwrite=args.overwrite)
     if args.report is not None:
-        text = json.dumps(plain(document), indent=2)
-        write_report(args.report, {"result": text}, scored, args.overwrite)
+        write_report(args.report, document, scored, args.overwrite)
     print_result(args, document, lambda: _text(found, scored, held_out, args.output))
     return 0
 
@@ -184,7 +181,7 @@ def _document(
     return {
         "arm": found.model.arm.name,
         "overlay": output,
-        "logs": [one.document() for one in scored],
+        "logs": scored,
         "cross_validation_percent": held_out and held_out.relative_rms_percent,
         "bodies": {
             name: {

@@ -8,7 +8,6 @@ See docs/import.md for the supported elements.
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from dataclasses import asdict
 from pathlib import Path
 
 from trocar.cli.arguments import add_json, add_overwrite, allow, options
@@ -78,7 +77,7 @@ def run(args: Namespace) -> int:
     for text in found.warnings:
         warn(text)
     if args.json:
-        print_json(asdict(found))
+        print_json(found)
         return 0
     joints = f", joints {', '.join(found.joints)}" if found.joints else ""
     print(

@@ -9,12 +9,11 @@ the rig does not simulate are listed. See docs/your-lab.md.
 from __future__ import annotations
 
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_json, add_overwrite, options
-from trocar.cli.output import print_json, table, warn
+from trocar.cli.output import print_result, table, warn
 
 if TYPE_CHECKING:
     from trocar.robot.dvrk_config import ImportedRig
@@ -56,30 +55,32 @@ def run(args: Namespace) -> int:
     found = import_dvrk(args.system, args.output, options)
     for text in (*found.warnings, *(f"unknown key, ignored: {text}" for text in found.unknown)):
         warn(text)
-    if args.json:
-        print_json(_document(found))
-        return 0
-    rows = [
+    print_result(args, _document(found), lambda: _text(found))
+    return 0
+
+
+def _text(found: ImportedRig) -> str:
+    head = ("arm", "description", "tool", "carrier")
+    arms = [
         (arm.name, Path(arm.arm.file).stem, arm.arm.tool or "-", arm.on or "world")
         for arm in found.rig.arms
     ]
-    print(table(("arm", "description", "tool", "carrier"), rows))
+    lines = [table(head, arms)]
     for teleop in found.rig.teleops:
         move = "moves" if len(teleop.masters) == 1 else "move"
-        print(f"  {' and '.join(teleop.masters)} {move} {teleop.slave}, scale {teleop.scale:g}")
-    for text in found.notes:
-        print(f"  {text}")
+        masters = " and ".join(teleop.masters)
+        lines.append(f"  {masters} {move} {teleop.slave}, scale {teleop.scale:g}")
+    lines += [f"  {text}" for text in found.notes]
     if found.idle:
-        print("not simulated:", *found.idle, sep="\n  ")
-    print("largest difference from the files:")
-    rows = [
+        lines += ["not simulated:", *(f"  {text}" for text in found.idle)]
+    gaps = [
         (kind.replace("_", " "), str(gap.count), f"{gap.metres:.1e}", f"{gap.radians:.1e}")
         for kind, gap in found.agreement.items()
         if gap.count
     ]
-    print(table(("compared", "arms", "position [m]", "angle [rad]"), rows))
-    print("written:", *found.files, sep="\n  ")
-    return 0
+    lines.append("largest difference from the files:")
+    lines.append(table(("compared", "arms", "position [m]", "angle [rad]"), gaps))
+    return "\n".join([*lines, "written:", *(f"  {file}" for file in found.files)])
 
 
 def _document(found: ImportedRig) -> dict[str, object]:
@@ -97,10 +98,10 @@ def _document(found: ImportedRig) -> dict[str, object]:
         "rig": found.files[0],
         "files": found.files,
         "arms": arms,
-        "teleops": [asdict(teleop) for teleop in found.rig.teleops],
+        "teleops": found.rig.teleops,
         "said": found.notes,
         "warnings": found.warnings,
         "not_simulated": found.idle,
         "unknown": found.unknown,
-        "agreement": {kind: asdict(gap) for kind, gap in found.agreement.items()},
+        "agreement": found.agreement,
     }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from argparse import ArgumentParser, Namespace
-from typing import Any
+from typing import Any, cast
 
 from trocar.cli.arguments import add_json
 from trocar.cli.output import print_result, table
@@ -104,7 +104,9 @@ def _report(shelf: str, rows: list[dict[str, Any]]) -> str:
     head = [shelf[:-1], *(key for key in rows[0] if key != "name")]
     cells = [
         [
-            " ".join(map(str, v)) if isinstance(v, list) else str("-" if v is None else v)
+            " ".join(map(str, cast("list[object]", v)))
+            if isinstance(v, list)
+            else str("-" if v is None else v)
             for v in row
         ]
         for row in (row.values() for row in rows)

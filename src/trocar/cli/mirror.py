@@ -10,7 +10,6 @@ from __future__ import annotations
 import sys
 from argparse import ArgumentParser, Namespace
 from contextlib import ExitStack, closing, suppress
-from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import (
@@ -114,7 +113,7 @@ def run(args: Namespace) -> int:
             _show(world, loop, mirror, args, (pictures, access, address))
     report = mirror.report()
     if args.json:
-        print_json(asdict(report))
+        print_json(report)
     elif args.no_page:
         print(_text(report))
     return 0

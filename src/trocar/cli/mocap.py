@@ -12,23 +12,21 @@ from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_json, add_overwrite, options
-from trocar.cli.output import print_json, progress_bar, table
+from trocar.cli.output import print_result, progress_bar, table
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
-    from argparse import _ArgumentGroup
-
+    from trocar.cli.arguments import Arguments
     from trocar.descriptions import ArmDescription
     from trocar.robot.mocap import SimulatedTracks
 
 SUMMARY = "simulate motion capture of an arm"
 ORDER = 80
 
-#: Separate the random numbers of wear and of broken loops from those of a perturbed robot with the
-#: same seed.
+#: Second seeds of the random numbers of wear and of broken loops, beside that of a perturbed robot.
 WEAR, LOOPS = 1, 2
-#: Loops broken by more lock up within the joint ranges, or are no robot's. Source: our own choice,
-#: five times the paper's Table 6. [mm]
+#: Largest displacement of the hinges that close loops [mm]; with more, loops lock up within the
+#: joint ranges. Source: our own choice, five times the paper's Table 6.
 LOOPS_MM = 5.0
 #: Noise of a cluster's pose, 1 sigma. Source: OptiTrack PrimeX 22 cameras were within 0.12 mm
 #: across their line of sight (Krumpek, Kroeger, Mohr 2025, arXiv 2502.21189); over the 115 mm to a
@@ -47,13 +45,13 @@ def add_arguments(parser: ArgumentParser) -> None:
         --format tidy|motive = tidy  format of FILE
     """)  # fmt: skip
     add_json(parser)
-    _add_robot(parser.add_argument_group("robot"))
+    robot = parser.add_argument_group("robot")
+    _add_robot(robot, robot.add_mutually_exclusive_group())
     _add_sweep(parser.add_argument_group("motion"))
     _add_cameras(parser.add_argument_group("cameras"))
 
 
-def _add_robot(group: _ArgumentGroup) -> None:
-    robot = group.add_mutually_exclusive_group()
+def _add_robot(group: Arguments, robot: Arguments) -> None:
     options(robot, """
         --calibration OVERLAY  calibration overlay, replaces nominal geometry (trocar calibrate)
         --perturb SEED:int     perturb the geometry at random: lengths by up to 3 mm, angles by up
@@ -67,7 +65,7 @@ def _add_robot(group: _ArgumentGroup) -> None:
     """)  # fmt: skip
 
 
-def _add_sweep(group: _ArgumentGroup) -> None:
+def _add_sweep(group: Arguments) -> None:
     group.add_argument(
         "--parts",
         choices=("axes", "rcm", "both", "chain"),
@@ -85,7 +83,7 @@ def _add_sweep(group: _ArgumentGroup) -> None:
     """)  # fmt: skip
 
 
-def _add_cameras(group: _ArgumentGroup) -> None:
+def _add_cameras(group: Arguments) -> None:
     options(group, f"""
         --rate HZ:number = 120              sample rate
         --noise-mm MM:number = {NOISE_MM}   position noise per coordinate, 1 sigma (default:
@@ -129,11 +127,8 @@ def run(args: Namespace) -> int:
     with progress_bar("steps") as watch:
         tracks = simulate_tracks(arm, settings, watch, robot)
     truth = write_tracks(args.output, tracks, args.format, overwrite=args.overwrite)
-    if args.json:
-        files = {"file": args.output, "format": args.format, "truth_file": str(truth)}
-        print_json({**files, **tracks.truth})
-    else:
-        print(_report(args.output, str(truth), tracks))
+    files = {"file": args.output, "format": args.format, "truth_file": truth}
+    print_result(args, {**files, **tracks.truth}, lambda: _report(args.output, str(truth), tracks))
     return 0
 
 

@@ -2,53 +2,38 @@
 
 from __future__ import annotations
 
-import json
 import math
-import re
 import sys
 import threading
 import time
 from argparse import Namespace
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from typing import TYPE_CHECKING, Any
+
+from trocar.outputs import json_text
 
 if TYPE_CHECKING:
     from trocar.descriptions import ArmDescription
 
 #: Minimum time between redraws of a progress bar; one takes about 1 ms. [s]
 REFRESH_S = 0.1
-#: Where stderr is no terminal: time before the first line of progress, so that commands that end
-#: sooner print none; the next come after twice the time, and so on up to MOST_S. Source: our own
-#: choice. [s]
+#: Time to the first line of progress where stderr is no terminal, and the longest time between two
+#: lines; it doubles from line to line. Source: our own choice. [s]
 LINE_S, MOST_S = 1.0, 30.0
 
 
-def print_result(args: Namespace, document: Mapping[str, Any], text: Callable[[], str]) -> None:
-    """Print a result: the document with --json, else the text."""
+def print_result(args: Namespace, record: Any, text: Callable[[], str]) -> None:
+    """Print a result: the record as JSON with --json, else the text."""
     if args.json:
-        print_json(document)
+        print_json(record)
     else:
         print(text())
 
 
-def print_json(document: Mapping[str, Any]) -> None:
-    """Print a document as JSON; arrays become lists, NaN and infinity null."""
-    text = json.dumps(plain(document), indent=2, allow_nan=False)
-    print(re.sub(r"\[\n[^][{}]*\]", lambda m: f"[{' '.join(m[0][1:-1].split())}]", text))
-
-
-def plain(value: Any) -> Any:
-    """Convert a value to JSON types."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if hasattr(value, "tolist"):  # an array or a number of numpy, which is not imported here
-        return plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    if isinstance(value, float):
-        return value + 0.0 if math.isfinite(value) else None
-    return value
+def print_json(record: Any) -> None:
+    """Print a record as one JSON document (`trocar.outputs.document`)."""
+    print(json_text(record))
 
 
 def warn(message: str) -> None:
@@ -101,7 +86,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], indent: str = "  "
 
 
 @contextmanager
-def progress_bar(unit: str) -> Iterator[Callable[[int, int | None], None]]:
+def progress_bar(unit: str) -> Generator[Callable[[int, int | None], None]]:
     """Yield a function (done, total) that shows progress on stderr; total None: unknown.
 
     A bar on a terminal; elsewhere a line now and then.
@@ -122,7 +107,7 @@ def progress_bar(unit: str) -> Iterator[Callable[[int, int | None], None]]:
 
 
 @contextmanager
-def progress_steps(verb: str = "", count: int | None = None) -> Iterator[Callable[[str], None]]:
+def progress_steps(verb: str = "", count: int | None = None) -> Generator[Callable[[str], None]]:
     """Yield a function (step) that shows the step that begins on stderr.
 
     A bar on a terminal; elsewhere a line per step with a verb, which is for commands that always
@@ -163,7 +148,7 @@ def _display() -> AbstractContextManager[Draw]:
 
 
 @contextmanager
-def _lines() -> Iterator[Draw]:
+def _lines() -> Generator[Draw]:
     """Yield a function (text, done, total) whose newest text is printed on stderr now and then."""
     newest = ""
     over = threading.Event()
@@ -190,7 +175,7 @@ def _lines() -> Iterator[Draw]:
 
 
 @contextmanager
-def _bar() -> Iterator[Draw]:
+def _bar() -> Generator[Draw]:
     """Yield a function (text, done, total) that draws a bar on stderr until the block ends."""
     from rich.console import Console
     from rich.progress import (

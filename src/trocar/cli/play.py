@@ -10,7 +10,7 @@ from __future__ import annotations
 import sys
 from argparse import ArgumentParser, Namespace
 from contextlib import ExitStack
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -129,7 +129,7 @@ def run(args: Namespace) -> int:
         "grasp": found[0].grasp,
         "dynamics": found[0].dynamics,
         "successes": sum(one.success for one in found),
-        "episodes": [asdict(one) for one in found],
+        "episodes": found,
     }
     print_result(args, document, lambda: _report(found))
     return 0

@@ -7,13 +7,12 @@ See docs/dynamics.md.
 
 from __future__ import annotations
 
-import json
 from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_json, add_overwrite, allow_overwrite, options
 from trocar.cli.identify import add_log, allow_log, log_settings, weight, weights
-from trocar.cli.output import plain, print_result, progress_steps, table
+from trocar.cli.output import print_result, progress_steps, table
 
 if TYPE_CHECKING:
     from trocar.robot.identification import Prediction
@@ -58,11 +57,9 @@ def run(args: Namespace) -> int:
     with progress_steps() as watch:
         watch(f"predicting {args.log}")
         found = predict(args.log, args.arm, args.dynamics, known, log_settings(args), args.samples)
-    document = found.document()
     if args.report is not None:
-        text = json.dumps(plain(document), indent=2)
-        write_report(args.report, {"result": text}, [found], args.overwrite)
-    print_result(args, document, lambda: _text(found))
+        write_report(args.report, found, [found], args.overwrite)
+    print_result(args, found, lambda: _text(found))
     return 0
 
 

@@ -16,7 +16,7 @@ import sys
 import threading
 import time
 from argparse import SUPPRESS
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Generator, Sequence
 from importlib import import_module
 from pathlib import Path
 
@@ -46,16 +46,15 @@ def _commands() -> dict[str, str]:
 COMMANDS = _commands()
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
-#: Source: as shells report a program that SIGTERM ended.
+#: Exit status after SIGTERM. Source: shells report 128 + signal.
 TERMINATED = 128 + signal.SIGTERM
-#: SIGTERMs within this are one. Source: our own choice; `timeout` sends two at once. [s]
+#: Time within which several SIGTERMs count as one [s]. Source: our own choice; `timeout` sends two.
 AT_ONCE_S = 1.0
-#: Source: shells report a program that a closed pipe ended as 128 + SIGPIPE, and so they report
-#: `yes | head`.
+#: Exit status after a closed pipe. Source: shells report `yes | head` as 128 + SIGPIPE.
 CLOSED_PIPE = 128 + 13
-#: Characters of an error. Source: our own choice; our longest have some 600.
+#: Longest error [characters]. Source: our own choice; the longest without quoted input has 600.
 LONGEST = 4000
-#: What a print raises on a full disk; other errors of the system keep their traceback.
+#: Errors of a print on a full disk; other errors of the system keep their traceback.
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
 
@@ -125,7 +124,7 @@ def _run(words: list[str]) -> int:
 
 
 @contextlib.contextmanager
-def _terminable() -> Iterator[None]:
+def _terminable() -> Generator[None]:
     """Raise Terminated in the main thread at SIGTERM, unless the process ignores or handles it."""
     received = float("-inf")
 

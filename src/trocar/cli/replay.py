@@ -15,7 +15,7 @@ from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_calibration, add_gains, add_json, allow, options
-from trocar.cli.output import print_json, progress_bar, table
+from trocar.cli.output import print_result, progress_bar, table
 
 if TYPE_CHECKING:
     from trocar.robot.follow import RepeatReport, ReplayReport
@@ -79,10 +79,7 @@ def _repeat(args: Namespace) -> int:
         report = repeat(args.log, args.rig, watch)
     for text in (*report.warnings, *filter(None, [report.problem])):
         print(f"trocar: warning: {args.log}: {text}", file=sys.stderr)
-    if args.json:
-        print_json(report.as_dict())
-    else:
-        print(_repeated(report))
+    print_result(args, report, lambda: _repeated(report))
     return 0 if report.identical else 1
 
 
@@ -102,10 +99,7 @@ def _replay(args: Namespace) -> int:
     )
     with progress_bar("rows") as watch:
         report = replay(args.log, args.arm, settings, watch)
-    if args.json:
-        print_json(report.as_dict())
-    else:
-        print(_tables(report, settings.rate_hz))
+    print_result(args, report, lambda: _tables(report, settings.rate_hz))
     return 0
 
 

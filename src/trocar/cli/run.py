@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 SUMMARY = "run a dVRK Python script without ROS"
 ORDER = 30
 
-#: Source: dVRK 2.4, system_ROS publishes every 10 ms. [Hz]
+#: Publication rate of states [Hz]. Source: dVRK 2.4, system_ROS publishes every 10 ms.
 RATE_HZ = 100.0
 #: Options without a value.
 FLAGS = ("-h", "--help", "--page", "--overwrite")

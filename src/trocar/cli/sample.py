@@ -16,7 +16,8 @@ from trocar.cli.output import print_result, progress_steps, table
 SUMMARY = "write small sample files for the other commands"
 ORDER = 210
 
-#: Source: our own choice: link lengths perturbed by some millimetres, noise of a common system.
+#: Options of `trocar mocap`. Source: our own choice: link lengths perturbed by some millimetres,
+#: noise of a common system.
 SEED, SWEEP_S, RATE_HZ, NOISE_M, NOISE_RAD = 7, 12.0, 60.0, 1e-4, 1e-3
 
 

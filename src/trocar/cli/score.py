@@ -40,7 +40,7 @@ def run(args: Namespace) -> int:
         report = score_recording(args.file, args.arm, args.start, args.end, args.rig)
     if report.problem:
         warn(f"{args.file}: {report.problem}")
-    print_result(args, report.as_dict(), lambda: _report(report))
+    print_result(args, report, lambda: _report(report))
     return 0
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
+from trocar import outputs
 from trocar.cli.arguments import (
     add_arm,
     add_calibration,
@@ -22,7 +23,7 @@ from trocar.cli.arguments import (
     allow_overwrite,
     options,
 )
-from trocar.cli.output import plain, print_result, progress_steps, short, table, warn
+from trocar.cli.output import print_result, progress_steps, short, table, warn
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
@@ -95,7 +96,7 @@ def document(arm: ArmDescription) -> Document:
     mechanism, overlay, coupling = arm.mechanism, arm.overlay, arm.coupling
     flat = [asdict(entry) for entry in flattenings(mechanism)]
     body_keys = ("frame", "part", "mass", "com", "inertia", "inertia_from", "source")
-    return plain(
+    return outputs.document(
         {
             "arm": arm.name,
             "type": arm.type,

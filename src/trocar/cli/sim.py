@@ -11,7 +11,6 @@ from __future__ import annotations
 import sys
 from argparse import ArgumentParser, Namespace
 from contextlib import ExitStack
-from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_json, allow, allow_overwrite, names_of, options
@@ -82,7 +81,7 @@ def run(args: Namespace) -> int:
             record=recording(world, args) if args.record else None,
             watch=watch,
         )
-    print_result(args, asdict(report), lambda: _report(report))
+    print_result(args, report, lambda: _report(report))
     return 0
 
 

@@ -8,11 +8,10 @@ modified. See docs/tuning.md for the method.
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_arm, add_calibration, add_gains, add_json, options
-from trocar.cli.output import print_json, progress_steps, short, table
+from trocar.cli.output import print_result, progress_steps, short, table
 
 if TYPE_CHECKING:
     from trocar.robot.tuning import GainTrial, TuningReport
@@ -43,20 +42,8 @@ def run(args: Namespace) -> int:
     arm = load_arm(args.arm, args.tool, args.calibration)
     with progress_steps("tuning") as watch:
         report = tune(arm, settings, watch)
-    if args.json:
-        print_json(_document(report))
-    else:
-        print(_tables(report))
+    print_result(args, report, lambda: _tables(report))
     return 0
-
-
-def _document(report: TuningReport) -> dict[str, Any]:
-    document = asdict(report)
-    document["tool"] = report.tool or None
-    for joint in document["joints"]:
-        for which in ("present", "tuned"):
-            joint[which] = {**joint[which]["gains"], **joint[which]["response"]}
-    return document
 
 
 def _tables(report: TuningReport) -> str:

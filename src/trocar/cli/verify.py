@@ -1,10 +1,7 @@
 """Reproduce the experiments of the closed-loop paper in simulation, and compare the figures.
 
-closure: loop error over the joint range; rcm: remote centre of motion (Table 7, Figure 9); axes:
-distances between hinge axes (Table 6); tracking: six joints along a sine (Figure 10); realtime:
-speed (Table 9, no tolerance); formats: frame poses of exported files, read by MuJoCo and, if they
-are installed, pinocchio and Drake, compared with the kinematics. Exit status 1: a figure is out of
-tolerance. See docs/calibration.md.
+Each figure stands beside the paper's. Exit status 1: a figure is out of tolerance. See
+docs/calibration.md.
 """
 
 from __future__ import annotations
@@ -14,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from trocar.cli.arguments import add_json, add_overwrite, allow_overwrite, options
 from trocar.cli.output import print_result, progress_steps, table
+from trocar.outputs import document
+from trocar.robot.experiments import VERIFIED, listed, names_of
 
 if TYPE_CHECKING:
     from trocar.robot.verification import Verification
@@ -22,14 +21,14 @@ if TYPE_CHECKING:
 SUMMARY = "reproduce the experiments of the closed-loop paper"
 ORDER = 190
 
-PARTS = ("closure", "rcm", "axes", "tracking", "realtime", "formats")
+PARTS = names_of(VERIFIED)
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
     options(parser, f"""
         --only PART,...:parts = {','.join(PARTS)}
-                                         run only these parts: {', '.join(PARTS)} (default: all)
+                                         run only these parts (default: all). {listed(VERIFIED)}
         --arm ARM ...                    built-in arm or TOML file (repeatable; default: the
                                          calibrated arms, else psm and ecm)
         --calibration OVERLAY.toml ...   verify this calibrated robot (repeatable)
@@ -68,7 +67,7 @@ def _parts(text: str) -> tuple[str, ...]:
 
 def _document(found: Verification, report: str | None) -> dict[str, Any]:
     figures = [
-        {"part": p.name, "arm": p.arm or None, **figure.document(), "command": p.command}
+        {"part": p.name, "arm": p.arm or None, **document(figure), "command": p.command}
         for p in found.parts
         for figure in p.figures
     ]

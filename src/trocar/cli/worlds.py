@@ -21,8 +21,7 @@ from trocar.cli.arguments import (
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
-    from argparse import _ActionsContainer, _ArgumentGroup
-
+    from trocar.cli.arguments import Arguments
     from trocar.live import Loop
     from trocar.live.images import ImageRenderer, Pictures
     from trocar.rendering import Look, Series
@@ -32,9 +31,7 @@ if TYPE_CHECKING:
     Shapes = tuple[int, Sequence[ShapeRecord]]
 
 
-def add_world(
-    parser: ArgumentParser, rig: str | None = "full_cart", chosen: str = ""
-) -> _ArgumentGroup:
+def add_world(parser: ArgumentParser, rig: str | None = "full_cart", chosen: str = "") -> Arguments:
     """Add the rig, its tools and the physics options; return their group.
 
     Args:
@@ -117,7 +114,7 @@ def recording(world: World, args: Namespace) -> Callable[[], AbstractContextMana
     return partial(record, world, args.record, overwrite=args.overwrite)
 
 
-def add_look(group: _ActionsContainer) -> None:
+def add_look(group: Arguments) -> None:
     """Add the image options of cameras."""
     options(group, """
         --preset CAMERA                   endoscope camera: built-in (see trocar list cameras), TOML
@@ -136,7 +133,7 @@ def add_look(group: _ActionsContainer) -> None:
     """, exposure=_exposure)  # fmt: skip
 
 
-def add_cameras(group: _ActionsContainer) -> None:
+def add_cameras(group: Arguments) -> None:
     """Add the camera options of a live simulation."""
     options(group, """
         --no-cameras                    render no images
@@ -146,7 +143,7 @@ def add_cameras(group: _ActionsContainer) -> None:
     add_look(group)
 
 
-def add_record_images(group: _ActionsContainer) -> None:
+def add_record_images(group: Arguments) -> None:
     """Add the recording of images."""
     options(group, """
         --record-images  record compressed images at the camera rate

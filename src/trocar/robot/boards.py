@@ -96,7 +96,7 @@ class Board:
         return np.concatenate(cells)
 
     def document(self) -> dict[str, Any]:
-        """Return its table in a file of views."""
+        """Convert to its table in a file of views."""
         marked = self.kind == "charuco"
         return {
             "kind": self.kind,

@@ -22,11 +22,11 @@ from trocar.recording.bags import FORMATS, JOINT_STATE, Bag, open_bag
 Array = NDArray[np.float64]
 Wrist = Literal["motor", "joint"]
 
-#: Every format that `trocar replay` reads.
+#: Formats that `trocar replay` reads.
 READABLE = f"a recording of trocar's own (MCAP), a CSV file (plain or gzip), {FORMATS}"
 #: The parts of a row, each of every joint.
 QUANTITIES = ("positions", "velocities", "efforts")
-#: Joints that recordings hold as their motors turn; a PSM's roll is the joint already.
+#: Joints that recordings have as motor positions; the roll of a PSM is a joint position.
 #: Source: dvrk_dynamics_identification, its recording script.
 MOTOR_SIDE = {
     "PSM": ("wrist_pitch", "wrist_yaw", "jaw"),
@@ -34,16 +34,15 @@ MOTOR_SIDE = {
 }
 #: Joints 2 to 4 of a master from its motors. Source: SAW share/kinematic/MTML.json.
 MTM_COUPLING = Coupling(np.array([[1.0, 0.0, 0.0], [-1.0, 1.0, 0.0], [0.6697, -0.6697, 1.0]]))
-#: Rows that are read at once. Source: our own choice.
+#: Rows per read. Source: our own choice.
 CHUNK_ROWS = 500
-#: No row of numbers is longer. Source: our own choice; 21 columns take some 450 characters.
+#: Longest row of numbers [characters]. Source: our own choice; 21 columns take some 450.
 LONGEST_LINE = 1 << 16
-#: A sample this long after the one before is no motion that could be filled in evenly [s].
-#: Source: our own choice.
+#: Longest gap between samples that is interpolated [s]. Source: our own choice.
 LONGEST_GAP_S = 1.0
 MEASURED, JAW = "/measured_js", "/jaw/measured_js"
-#: A position this many joint ranges beyond a limit is no recording of this arm, nor are such
-#: velocities [per s] and efforts [N m or N]. Source: our own choice, ten times what the arms do.
+#: Largest position beyond a limit [joint ranges], velocity [per s] and effort [N m or N] of a log
+#: of an arm. Source: our own choice, ten times those of the arms.
 MOST_RANGES_BEYOND = 1.0
 MOST_VELOCITY = 300.0
 MOST_EFFORT = 1000.0
@@ -92,7 +91,8 @@ def read_log(
         check_rows(file, first, joints, arm)
         return joints
 
-    first, rows = 1, []
+    first = 1
+    rows: list[list[float]] = []
     for number, line in _lines(path):
         rows.append(_numbers(file, number, line, names))
         if len(rows) == chunk_rows:
@@ -117,7 +117,7 @@ def count_rows(path: str | Path, arm: ArmDescription, wrist: Wrist = "motor") ->
 
 
 def actuators_of_recording(arm: ArmDescription) -> tuple[list[int], Coupling]:
-    """Return which joints a recording holds motor-side, and the coupling of these alone.
+    """Select the joints that a recording has on the motor side, and the coupling of these alone.
 
     Raises:
         InputError: the PSM's tool has no such coupling
@@ -279,7 +279,7 @@ def _even(times: Array, table: Array, even: Array) -> Array:
 def _order(
     file: str, topic: str, names: Sequence[str], joints: Sequence[str], own: Sequence[str]
 ) -> list[int]:
-    """Return which column of a topic is which joint of the arm."""
+    """Map the joints of the arm to columns of a topic."""
     for expected in (joints, own):
         if set(names) == set(expected):
             return [list(names).index(name) for name in expected]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -264,10 +264,6 @@ class RecordingScore:
     end_s: float
     arms: Mapping[str, ArmScore]
     problem: str
-
-    def as_dict(self) -> dict[str, object]:
-        """Return the scores as plain values, for JSON."""
-        return asdict(self)
 
 
 def score_recording(

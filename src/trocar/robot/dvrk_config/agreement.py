@@ -1,4 +1,4 @@
-"""How far an imported rig is from the files that it came from.
+"""Compare an imported rig with the files that it came from.
 
 The files' side is computed from their rows alone, the rig's side from the TOML that was written.
 """
@@ -23,7 +23,8 @@ from trocar.robot.dvrk_config.system import TOOL_TIP, DhRows, Lab, LabArm, Setup
 
 Array = NDArray[np.float64]
 
-#: From the tip of an endoscope (x left, y up, z ahead) to its picture (x right, y down, z ahead).
+#: Rotation from the tip of an endoscope (x left, y up, z ahead) to its image (x right, y down, z
+#: ahead).
 T_TIP_IMAGE = transform(rotation_z(np.pi), np.zeros(3))
 
 
@@ -104,7 +105,7 @@ def _largest(by_name: Mapping[str, list[Array]]) -> Gap:
 
 
 def _limit_gap(chain: DhRows, rig: RigDescription, name: str) -> Array:
-    """Return how far limits of joints are from those of the rows, (2,) [m, rad]."""
+    """Compute the largest differences of joint limits from those of the rows, (2,) [m, rad]."""
     gap, rows = np.zeros(2), [row for row in chain.rows if row.moves]
     for row, joint in zip(rows, rig.arm(name).arm.joints, strict=False):
         for given, own in ((row.qmin, joint.lower), (row.qmax, joint.upper)):
@@ -135,7 +136,7 @@ def _base_gap(
     reference_arm: str,
     q: Mapping[str, Array],
 ) -> Array:
-    """Return how far an arm's base is from where the file has it, (2,) [m, rad]."""
+    """Compute the difference of an arm's base from the file's, (2,) [m, rad]."""
     if arm.pose is not None:
         return largest_gap(places.base_pose(arm.name, reference_arm)[0], arm.pose)
     setup = setups.get(arm.carrier)

@@ -28,7 +28,7 @@ from trocar.robot.dvrk_config.system import SAME_LENGTH, DhRows, Gains, Instrume
 Array = NDArray[np.float64]
 Document = dict[str, Any]
 
-#: Limits and gains that differ by less are the same: 1.5708 for 90 degrees makes 4e-6.
+#: Relative tolerance of equal limits and gains: 1.5708 for 90 degrees makes 4e-6.
 SAME = 1e-5
 
 
@@ -120,9 +120,9 @@ def pose_entries(T: Array) -> Document:
     return found
 
 
-#: Chains that differ by less are the same [m, rad]: 1.5708 for 90 degrees makes 4e-6.
+#: Tolerance of equal chains [m, rad]: 1.5708 for 90 degrees makes 4e-6.
 SAME_CHAIN = 3e-5
-#: The last row of the dVRK's PSM is turned by this about the shaft from trocar's, as the frames of
+#: Rotation about the shaft of the last row of the dVRK's PSM from trocar's, at which the frames of
 #: a tool begin (psm.toml) [rad].
 ROW_TURN = -np.pi / 2.0
 #: Gains of an Si where no file has them. Source: share/pid/sawControllersPID-{PSM,ECM}-Si.json.
@@ -139,7 +139,7 @@ SI_GAINS = {
 Point = tuple[float, float, float]
 
 STAND_IN = "a stand-in: trocar has no masses and shapes of this arm; these are our own choice"
-#: Of a PSM or ECM at q = 0, in its remote centre's frame (z up, the base towards -y): body's frame,
+#: Bodies of a PSM or ECM at q = 0 in its remote centre's frame (z up, the base towards -y): frame,
 #: ends and radius of each capsule, mass [m, kg].
 STAND_IN_ARM: tuple[tuple[str, tuple[tuple[Point, Point, float], ...], float], ...] = (
     ("yaw", (((0.0, -0.60, 0.0), (0.0, -0.46, 0.0), 0.055),), 2.0),
@@ -155,15 +155,15 @@ STAND_IN_ARM: tuple[tuple[str, tuple[tuple[Point, Point, float], ...], float], .
     ),
     ("insertion", (((0.0, -0.055, 0.36), (0.0, -0.02, 0.40), 0.028),), 0.3),
 )
-#: What an endoscope adds: its shaft, from its end outward.
+#: Shaft of an endoscope, from its end outward.
 STAND_IN_SCOPE = ((0.0, 0.0, 0.005), (0.0, 0.0, 0.40), 0.006)
 #: The endoscope that trocar's ECM holds. Source: ecm.toml.
 OWN_ENDOSCOPE = ENDOSCOPES["Classic_SD_STRAIGHT"]
-#: Of a shaft that reaches past the ECM's own. Source: ecm.toml. [m]
+#: Radius of a shaft that reaches past the ECM's own [m]. Source: ecm.toml.
 SCOPE_RADIUS = 0.005
 #: Links of setup joints: mass, and radius of links and of the hubs about their axes [kg, m].
 LINK_MASS, LINK_RADIUS, HUB_RADIUS = 4.0, 0.038, 0.055
-#: How far ahead of the remote centre the last link ends: where the arm's base is [m].
+#: Distance from the end of the last link, the arm's base, ahead to the remote centre [m].
 BASE_AHEAD = 0.58
 
 
@@ -287,7 +287,7 @@ def last_row(arm: ArmDescription, q: Array) -> Array:
 
 
 def largest_gap(one: Array, other: Array) -> Array:
-    """Return how far two poses are apart, (2,) [m, rad]."""
+    """Compute the distance and the angle between two poses, (2,) [m, rad]."""
     return np.array([float(np.max(part)) for part in pose_difference(one, other)])
 
 

@@ -30,7 +30,7 @@ import msgspec
 from trocar.errors import DescriptionError
 from trocar.inputs import excess_of, is_file, read_input
 
-#: Source: our own choice; the largest of the dVRK have some 20 kB.
+#: Largest configuration file [bytes]. Source: our own choice; the dVRK's have up to 20 kB.
 MOST_BYTES = 2_000_000
 #: Keys that describe the file itself.
 METADATA = ("$id", "$version", "$schema", "id", "version", "comment", "comments")
@@ -167,7 +167,7 @@ class ArmFile(JsonRecord):
 
 
 class BaseFrameEntry(JsonRecord):
-    """Where an arm stands: in a frame, or on what a component holds."""
+    """The base of an arm: in a frame, or on another arm of a component."""
 
     transform: Matrix4 | None = None
     reference_frame: str | None = None
@@ -276,8 +276,8 @@ class SystemFile(ConsoleEntry):
     component_manager: ComponentManager | None = None
 
 
-#: Keys that are known and have no counterpart in a simulation; masses and the like of a kinematic
-#: file are those of gravity compensation.
+#: Keys without a counterpart in a simulation; masses in a kinematic file are those of gravity
+#: compensation.
 IDLE = frozenset(
     re.findall(
         r"\w+",

@@ -22,7 +22,7 @@ SETUP_FILES = {
     "suj-si-simulated.json": "SUJ_Si",
     "suj-fixed-simulated.json": "SUJ_Fixed",
 }
-#: From the Classic's setup joints to the arm that they hold. Source: share/arm/suj-simulated.json.
+#: Poses of arms on the Classic's setup joints. Source: share/arm/suj-simulated.json.
 CLASSIC_ORIGIN = {
     "PSM": transform(np.round(rotation_z(-math.pi / 2.0), 15), np.array([0.4864, 0.0, 0.1524])),
     "ECM": transform(np.round(rotation_z(-math.pi / 2.0), 15), np.array([0.6126, 0.0, 0.1016])),

@@ -29,8 +29,8 @@ from trocar.robot.dvrk_config.system import Lab, LabArm, SetupArm, read_system
 
 Array = NDArray[np.float64]
 
-#: Where arms stand that no file places: the first, and the step to the next [m]. Source: our own
-#: choice, clear of the console and of a cart.
+#: Position of the first arm without a place in a file, and the step to the next [m]. Source: our
+#: own choice, clear of the console and of a cart.
 FREE, STEP = np.array([0.0, 0.0, 0.3]), np.array([0.5, 0.0, 0.0])
 BESIDE_CONSOLE = np.array([0.0, -1.3, 0.0])
 BESIDE_CART = np.array([-1.2, -0.8, 0.0])
@@ -47,7 +47,7 @@ COLUMN = {
         )
     ],
 }  # fmt: skip
-#: How high the lowest arm of a frame of the lab's stands [m]. Source: our own choice.
+#: Height of the lowest arm in a frame of the lab [m]. Source: our own choice.
 LOW = 0.3
 
 
@@ -206,7 +206,7 @@ def rig_document(lab: Lab, tools: dict[str, str], files: Files) -> Document:
 
 
 def _on_setup_joints(arm: LabArm, suj: SetupArm, at_centre: dict[str, bool]) -> Document:
-    """Return where an arm on setup joints, or on a fixed mount, stands."""
+    """Place an arm on setup joints or a fixed mount."""
     if suj.fixed is not None:
         T = transform(np.eye(3), np.array(CART)) @ suj.fixed
         return {"place": "rcm", **pose_entries(T), "source": "SUJ_Fixed"}
@@ -219,7 +219,7 @@ def _on_setup_joints(arm: LabArm, suj: SetupArm, at_centre: dict[str, bool]) -> 
 
 
 def _frames_in_world(lab: Lab, cart: bool) -> dict[str, Array]:
-    """Return where the frames of base_frame entries stand, which no file places, {name: (4, 4)}.
+    """Place the frames of base_frame entries, for which no file has a pose, {name: (4, 4)}.
 
     Turned the short way so that the arms' z axes point up on average; the lowest at LOW.
     """

@@ -31,11 +31,11 @@ Array = NDArray[np.float64]
 #: The cart's reference above the floor [m]. Source: dvrk_env suj.sdf, as in full_cart.
 CART = (0.0, 0.0, 0.167458)
 
-#: Setup joints without limits of their own: how far they go [m, rad]. Source: our own choice; cisst
-#: takes 2 m and 360 degrees.
+#: Range of setup joints without limits in a file [m, rad]. Source: our own choice; cisst takes 2 m
+#: and 360 degrees.
 REACH = {"prismatic": 0.8, "revolute": np.pi}
-#: What their brakes carry, and gains that follow a set position. Source: our own choice, as of the
-#: Classic's (suj_psm1.toml).
+#: Holding efforts of their brakes, and gains that follow a set position. Source: our own choice, as
+#: the Classic's (suj_psm1.toml).
 MOTORS = {
     "prismatic": {
         "effort_max_n": 1000.0,
@@ -53,9 +53,9 @@ FRICTION = {
     "prismatic": {"coulomb_n": 20.0, "viscous_ns_per_m": 200.0},
     "revolute": {"coulomb_nm": 2.0, "viscous_nms": 10.0},
 }
-#: Where the Si's numbers are from when no file has them.
+#: Source of the Si's numbers that no file has.
 OWN_FILE = "sawIntuitiveResearchKit share/arm/suj-si-simulated.json"
-#: Past a file's own position that lies beyond a limit, the limit moves out by this much [m, rad].
+#: Margin of a limit that is moved out past a file's own position [m, rad].
 MARGIN = 0.05
 
 

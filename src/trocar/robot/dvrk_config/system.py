@@ -53,7 +53,7 @@ KINDS = (
     *("SUJ_Classic", "SUJ_Si", "SUJ_Fixed", "SUJ", "FOCUS_CONTROLLER"),
 )
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
-#: Whom setup joints can hold, and how many rows of the Classic's move; those that follow are fixed.
+#: Arms that setup joints can hold, and the number of rows that move in the Classic's chains.
 #: Source: mtsIntuitiveResearchKitSUJ.cpp.
 CLASSIC_JOINTS = {"PSM1": 6, "PSM2": 6, "PSM3": 6, "ECM": 4}
 POTENTIOMETERS = ("primary_offsets", "primary_scales", "secondary_offsets", "secondary_scales")
@@ -67,8 +67,8 @@ PID_JOINTS = {
         *("wrist_pitch", "wrist_yaw", "wrist_roll"),
     ),
 }
-#: Angles in the dVRK's files have four decimals or more: 1.5708, 0.7853, -1.2217. Angles this close
-#: to a multiple of 5 degrees stand for it [rad].
+#: Tolerance of angles that stand for a multiple of 5 degrees [rad]; the dVRK's files have four
+#: decimals or more: 1.5708, 0.7853, -1.2217.
 ROUNDED, STEP = 1.01e-4, math.radians(5.0)
 #: Largest error of a rotation matrix, as from 0.866 for cos 30 deg. Source: our own choice.
 SKEW = 1e-3
@@ -81,7 +81,7 @@ TOOL_TIP = [
     [-1.0, 0.0, 0.0, 0.0],
     [0.0, 0.0, 0.0, 1.0],
 ]
-#: Lengths that differ by less are the same [m].
+#: Tolerance of equal lengths [m].
 SAME_LENGTH = 1e-7
 
 
@@ -103,13 +103,13 @@ class DhRows:
         Args:
             q: of the rows that move, (n,) [rad or m]
         """
-        T, values = np.eye(4), iter(q.tolist())
+        pose, values = np.eye(4), iter(q.tolist())
         place = modified_dh if self.convention == "modified" else standard_dh
         for row in self.rows:
             moved = next(values) if row.moves else 0.0
             turn, slide = (moved, 0.0) if row.type == "revolute" else (0.0, moved)
-            T = T @ place(row.a, row.alpha, row.d + slide, row.theta + turn)
-        return T
+            pose = pose @ place(row.a, row.alpha, row.d + slide, row.theta + turn)
+        return pose
 
 
 @dataclass(frozen=True, eq=False)
@@ -320,7 +320,7 @@ class _SystemReader:
         return kinds
 
     def _left_out(self, entry: ArmEntry, kind: str) -> str:
-        """Return why an arm is not simulated, "" where it is."""
+        """Give the reason for not simulating an arm; "" for a simulated one."""
         elsewhere = ""
         if kind.endswith("_SOCKET"):
             elsewhere = f"a {kind} is an arm of another computer"
@@ -338,7 +338,10 @@ class _SystemReader:
             for component in (() if manager is None else manager.components)
             if component.class_name.endswith("_from_ros")
         ]
-        return [a.get("name", "") if isinstance(a, dict) else str(a) for a in arguments]
+        return [
+            str(cast("dict[str, Any]", a).get("name", "")) if isinstance(a, dict) else str(a)
+            for a in arguments
+        ]
 
     # ------------------------------------------------------------------ setup joints
 

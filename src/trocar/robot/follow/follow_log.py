@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, TypeVar
 
@@ -23,15 +23,15 @@ Array = NDArray[np.float64]
 T = TypeVar("T")
 ReplayMode = Literal["position", "effort"]
 
-#: Physics periods that are played and kept at once. Source: our own choice; some 2 MB.
+#: Physics steps that are played and stored at once. Source: our own choice; some 2 MB.
 PIECE_PERIODS = 2500
-#: Physics periods that a sample may last. Source: our own choice, 1 Hz at 1 ms.
+#: Largest number of physics steps of a sample. Source: our own choice, 1 Hz at 1 ms.
 MOST_PERIODS = 1000
 
 
 @dataclass(frozen=True)
 class ReplaySettings:
-    """How to replay a recording.
+    """Settings of a replay.
 
     Attributes:
         mode: "position": the servos follow the recorded motion; "effort": the recorded efforts act
@@ -59,7 +59,7 @@ class ReplaySettings:
 
 @dataclass(frozen=True)
 class ReplayReport:
-    """How near a simulated arm came to a recorded one.
+    """Comparison of a simulated arm with a recorded one.
 
     Attributes:
         log: the recording
@@ -81,10 +81,6 @@ class ReplayReport:
     tracking_rms: dict[str, float]
     effort_rms: dict[str, float]
     effort_relative_rms: dict[str, float | None]
-
-    def as_dict(self) -> dict[str, object]:
-        """Return the report as plain values, for JSON."""
-        return asdict(self)
 
 
 def replay(
@@ -255,7 +251,7 @@ class _Run:
 
 
 def _periods(settings: ReplaySettings, timestep_s: float) -> int:
-    """Return how many physics periods a sample lasts."""
+    """Compute the physics steps of a sample."""
     periods = 1.0 / (settings.rate_hz * timestep_s) if settings.rate_hz > 0.0 else 0.0
     whole = round(periods) if np.isfinite(periods) else 0
     if not 1 <= whole <= MOST_PERIODS or abs(periods - whole) > 1e-9 * whole:
@@ -267,7 +263,7 @@ def _periods(settings: ReplaySettings, timestep_s: float) -> int:
 
 
 def _restart(settings: ReplaySettings) -> int:
-    """Return after how many rows the arm restarts from the recording."""
+    """Compute the rows between two restarts from the recording."""
     if settings.mode not in ("position", "effort"):
         raise InputError(f"mode: got {settings.mode!r}; allowed: position, effort")
     least = 1.0 / settings.rate_hz

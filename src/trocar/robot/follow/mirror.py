@@ -31,15 +31,15 @@ Array = NDArray[np.float64]
 By = Literal["set", "servo"]
 
 MEASURED = "measured_js"
-#: Joints that have a topic of their own, by the last joint's name. Source: the dVRK's topics.
+#: Topics of single joints, by the last joint's name. Source: the dVRK's topics.
 PARTS = {"jaw": "jaw/measured_js", "gripper": "gripper/measured_js"}
-#: An arm that is silent for longer holds, with a warning [s]. Source: the issue.
+#: Time without messages after which an arm holds, with a warning [s]. Source: our own choice.
 SILENCE_S = 0.5
-#: Lags that the median is taken of. Source: our own choice; memory stays flat.
+#: Number of the newest lags that enter the median. Source: our own choice.
 NEWEST = 2000
-#: Silence is looked for once in so many ticks. Source: our own choice.
+#: Ticks between two checks for silent arms. Source: our own choice.
 WATCH_TICKS = 5
-#: Arms without a message so long after the start are named once [s]. Source: our own choice.
+#: Time from the start to the warning about arms without messages [s]. Source: our own choice.
 FIRST_MESSAGE_S = 3.0
 
 
@@ -77,7 +77,7 @@ class BagSource:
 
 @dataclass(frozen=True)
 class ArmReport:
-    """How an arm followed.
+    """Statistics of an arm that follows.
 
     Attributes:
         heard: messages
@@ -212,7 +212,7 @@ class Twin:
         return ""
 
     def report(self) -> ArmReport:
-        """Return how the arm followed so far."""
+        """Collect the statistics so far."""
         lasted = (self.last or 0.0) - (self.first or 0.0)
         rate = (self.heard - 1) / lasted if lasted > 0.0 else 0.0
         median = float(np.median(list(self.lags))) if self.lags else 0.0
@@ -257,7 +257,7 @@ class Mirror:
         for name in [rig.arm(name).name for name in arms] if arms else [a.name for a in rig.arms]:
             self._subscribe(rig, name)
         if not self.twins or (arms and self.missing):
-            topics = {} if self._bag is None else self._bag.topics
+            topics: Mapping[str, str] = {} if self._bag is None else self._bag.topics
             raise InputError(_nothing(self.missing, rig, topics, source.name))
         self.over = threading.Event()
         self._lock = threading.Lock()  # a live source's thread and the loop's
@@ -332,7 +332,7 @@ class Mirror:
             self._watch_silence(now)
 
     def patience(self) -> int:
-        """Return in how many ticks the next message is due."""
+        """Compute the ticks until the next message is due."""
         if self._bag is None:
             return WATCH_TICKS
         if self._next is None or self._waiting:
@@ -344,7 +344,7 @@ class Mirror:
         """Do nothing: the loop reports rejected commands."""
 
     def report(self) -> MirrorReport:
-        """Return how the arms followed so far."""
+        """Collect the statistics of all arms so far."""
         firsts = [t.first for t in self.twins.values() if t.first is not None]
         lasts = [t.last for t in self.twins.values() if t.last is not None]
         lasted = max(lasts) - min(firsts) if firsts and lasts else 0.0

@@ -6,7 +6,7 @@ import contextlib
 import hashlib
 import inspect
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +29,7 @@ PIECE_PERIODS = 1000
 
 @dataclass(frozen=True)
 class Difference:
-    """Where a repeated motion left the recorded one.
+    """First difference of a repeated motion from the recorded one.
 
     Attributes:
         time: simulated time of the first block that differs [s]
@@ -46,7 +46,7 @@ class Difference:
 
 @dataclass(frozen=True)
 class RepeatReport:
-    """What came of repeating a recording.
+    """Result of repeating a recording.
 
     Attributes:
         file, rig: what was repeated
@@ -70,10 +70,6 @@ class RepeatReport:
     difference: Difference | None
     warnings: tuple[str, ...]
     problem: str
-
-    def as_dict(self) -> dict[str, object]:
-        """Return the report as plain values, for JSON."""
-        return asdict(self)
 
 
 def repeat(

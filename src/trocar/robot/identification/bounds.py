@@ -1,4 +1,4 @@
-"""Which mass distributions a body can have: its hull and the bounds of its mass."""
+"""Bounds of mass distributions: the hull of a body and the range of its mass."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial import ConvexHull, QhullError  # pyright: ignore[reportMissingTypeStubs]
 
 from trocar.descriptions import ArmDescription
 from trocar.descriptions.records import Shape
@@ -24,7 +24,7 @@ CAD_MASSES = {
     "mtml": _WRIST,
     "mtmr": _WRIST,
 }
-#: How far outside the hull of its drawn solid a body may reach [m]. Source: our own choice: the
+#: Margin around the hull of the drawn solid of a body [m]. Source: our own choice: the
 #: solids of the masters are drawn without motors and covers, and no CAD model is published; with
 #: 0.01 m less the recording of an MTM is explained 1.5 % worse in joints 2 to 4.
 HULL_MARGINS_M = {"mtml": 0.02, "mtmr": 0.02}
@@ -52,7 +52,7 @@ class BodyBounds:
     half: Array
 
     def contains(self, point: Array, tolerance: float = 1e-9) -> bool:
-        """Return whether a point, (3,) [m], lies in the hull."""
+        """Test whether a point, (3,) [m], lies in the hull."""
         return bool((self.normals @ point <= self.offsets + tolerance).all())
 
 
@@ -78,7 +78,8 @@ def body_bounds(
             f" kg (CAD: {cad:g} kg), {lower:.4g} to {upper:.4g} kg; allowed: LOWER below UPPER,"
             " both above 0"
         )
-    points = np.concatenate([_corners(shape) for body in own for shape in body.shapes] or [[]])
+    corners = [_corners(shape) for body in own for shape in body.shapes]
+    points = np.concatenate(corners) if corners else np.empty(0)
     try:
         hull = ConvexHull(points)
     except (QhullError, ValueError) as problem:

@@ -27,14 +27,14 @@ SMALL_STOPS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
 #: simulation 2 % of a physics step for each coordinate; with 2 mrad the simulated wrist, whose
 #: friction is renewed every 10 ms, swings on at 50 Hz. [rad]
 FIRST_STOP = 0.005
-#: Stop elements with less than this ratio of a drivetrain's dry friction have none. Source: our own
-#: choice; the solver leaves 1e-7 of those that it takes to 0.
+#: Ratio of a drivetrain's dry friction below which a stop element is set to 0. Source: our own
+#: choice; the solver leaves 1e-7.
 IDLE = 1e-5
-#: A drivetrain that is slower than this rests, and its Coulomb friction has no sign: that of a
-#: filter's tail, or of joints whose motions cancel, is rounding. Source: a step of the finest of a
+#: Speed below which a drivetrain rests and its Coulomb friction has no sign, which rounding would
+#: choose in a filter's tail or where motions of joints cancel. Source: a step of the finest of a
 #: dVRK's encoders, a PSM's insertion (descriptions/data/errors.toml), in a second. [rad/s, m/s]
 RESTS = 1.30e-6
-#: Terms that a cable's polynomial has. Source: identified on a recording of an MTM.
+#: Terms of a cable's polynomial. Source: identified on a recording of an MTM.
 CABLE_TERMS = 5
 
 

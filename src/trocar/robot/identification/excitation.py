@@ -139,7 +139,7 @@ def _series(
     """Return positions, velocities and accelerations of a series scaled into the limits."""
     count = series.shape[2]
     lower, upper = arm.mechanism.lower[:count], arm.mechanism.upper[:count]
-    stops = np.array([[j.stop_lower, j.stop_upper] for j in arm.joints[:count]])
+    stops: Array = np.array([[j.stop_lower, j.stop_upper] for j in arm.joints[:count]])
     lower = np.where(np.isfinite(stops[:, 0]), np.maximum(lower, stops[:, 0]), lower)
     upper = np.where(np.isfinite(stops[:, 1]), np.minimum(upper, stops[:, 1]), upper)
     speed = np.array([joint.velocity_max for joint in arm.joints[:count]])
@@ -147,7 +147,7 @@ def _series(
     dense = np.linspace(0.0, period_s, 40 * HARMONICS, endpoint=False)
     shapes = [_derivative(series, dense, period_s, order) for order in range(3)]
     reach = np.maximum(np.abs(shapes[0]).max(axis=0), 1e-12)
-    scale = USED * np.minimum.reduce(
+    scale: Array = USED * np.minimum.reduce(
         [
             0.5 * (upper - lower) / reach,
             speed / np.abs(shapes[1]).max(axis=0),

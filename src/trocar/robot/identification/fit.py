@@ -6,18 +6,19 @@ import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.linalg import qr
-from scipy.ndimage import maximum_filter1d
+from scipy import sparse  # pyright: ignore[reportMissingTypeStubs]
+from scipy.linalg import qr  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
+from scipy.ndimage import maximum_filter1d  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 
 from trocar.descriptions import ArmDescription
 from trocar.descriptions.overlay_records import (
     POSITIVE,
     BodyDynamics,
+    Drivetrain,
     Dynamics,
     Overlay,
 )
@@ -61,8 +62,8 @@ RANK = 1e-4
 #: rounding would choose. Source: our own choice, far below the three digits of measured efforts and
 #: far above rounding.
 ALIKE = 1e-6
-#: A base parameter is identifiable if its standard error is below this ratio of its value. Source:
-#: our own choice.
+#: Ratio of standard error to value below which a base parameter is identifiable. Source: our own
+#: choice.
 IDENTIFIABLE = 0.1
 #: A log excites an arm if one standard deviation of the efforts that it predicts, at random motions
 #: within the joints' limits, is below this ratio of each joint's effort. Source: our own choice;
@@ -78,7 +79,7 @@ STILL, SPREAD_S = 1e-3, 0.1
 #: Random motions, and the ratio of the limits of velocities and accelerations that they use.
 #: Source: our own choice.
 MOTIONS, BRISK = 200, 0.3
-#: Parameters that an error names for a joint at most.
+#: Largest number of parameters that an error names for a joint.
 NAMED = 4
 #: Least variance of a mass distribution along each axis of its frame, as a ratio of the squared
 #: half edge of the box about its hull. Source: our own choice; a homogeneous box has a third, and
@@ -108,7 +109,8 @@ class Compressed:
     def of(matrix: Array, target: Array, ratio: float) -> Compressed:
         """Return the triangle of rows, of which a ratio is independent."""
         joined = np.hstack([matrix, target[:, None]])
-        triangle = np.asarray(qr(joined, mode="r", check_finite=False)[0])[: joined.shape[1]]
+        decomposed = cast("tuple[Array]", qr(joined, mode="r", check_finite=False))
+        triangle = np.asarray(decomposed[0])[: joined.shape[1]]
         own = triangle[:-1] if len(triangle) == joined.shape[1] else triangle
         last = float(triangle[-1, -1] ** 2) if len(triangle) == joined.shape[1] else 0.0
         return Compressed(own[:, :-1], own[:, -1], last, len(matrix), ratio * len(matrix))
@@ -292,7 +294,7 @@ def _stuck(model: EffortModel, log: FilteredLog) -> NDArray[np.bool_]:
             still = rate < STILL * np.sqrt(np.mean(rate**2))
             found[still] += along != 0.0
     around = 2 * round(SPREAD_S * log.log.rate_hz) + 1
-    return log.cut(maximum_filter1d(found, around, axis=0)) > 0.0
+    return log.cut(cast("Array", maximum_filter1d(found, around, axis=0))) > 0.0
 
 
 def _undetermined(
@@ -318,10 +320,11 @@ def _undetermined(
     weak: dict[str, tuple[float, tuple[str, ...]]] = {}
     for k, joint in enumerate(joints):
         rows = matrix[:, k]
-        ratio = float(np.sqrt(np.mean(np.sum(rows @ found.covariance * rows, axis=1))) / efforts[k])
+        variances = cast("Array", np.sum(rows @ found.covariance * rows, axis=1))
+        ratio = float(np.sqrt(np.mean(variances)) / efforts[k])
         if ratio > EXCITED:
-            own = np.sqrt(np.mean(rows**2, axis=0)) * found.sigma
-            worst = np.argsort(-own)[:NAMED]
+            own = np.sqrt(cast("Array", np.mean(rows**2, axis=0))) * found.sigma
+            worst: list[int] = np.argsort(-own)[:NAMED].tolist()
             weak[joint] = ratio, tuple(found.model.names[p] for p in worst)
     return weak
 
@@ -431,7 +434,8 @@ def dynamics_of(
             sigma[i, j] = sigma[j, i] = value
         bodies[frame] = BodyDynamics(mass, com, inertia, float(spread[0]), spread[1:4], sigma)
     sigma_all = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    at, trains = 10 * len(model.frames), {}
+    at = 10 * len(model.frames)
+    trains: dict[str, Drivetrain] = {}
     for name, train in model.trains.items():
         own = slice(at, at + len(labels(train)))
         trains[name] = with_coefficients(train, values[own], sigma_all[own])
@@ -454,12 +458,11 @@ def base_parameters(
     chosen, others = used[order[:rank]], used[order[rank:]]
     combinations[np.arange(rank), chosen] = 1.0
     combinations[:, others] = mix * length[others] / length[chosen][:, None]
-    sigma = np.sqrt(
-        np.maximum(np.einsum("bp,pq,bq->b", combinations, covariance, combinations), 0.0)
-    )
+    variance = cast("Array", np.einsum("bp,pq,bq->b", combinations, covariance, combinations))
+    sigma = np.sqrt(np.maximum(variance, 0.0))
     names = model.names
     return BaseParameters(
-        tuple(names[k] for k in chosen),
+        tuple(names[k] for k in cast("list[int]", chosen.tolist())),
         combinations,
         combinations @ values,
         sigma,
@@ -486,7 +489,9 @@ def _pivoted(
     used = np.flatnonzero(length > 1e-12 * length.max())
     preferred = 1.0 - ALIKE * np.arange(len(used))
     scaled = rows.triangle[:, used] / length[used] * preferred
-    found: Any = qr(scaled, mode="economic", pivoting=True)
+    found = cast(
+        "tuple[Array, Array, NDArray[np.int_]]", qr(scaled, mode="economic", pivoting=True)
+    )
     _, triangle, order = found
     triangle = triangle / preferred[order]
     diagonal = np.abs(np.diag(triangle))
@@ -516,7 +521,7 @@ def _solve(
 ) -> Array:
     """Minimise |R x - r|^2 + sum prior (x - start)^2 over possible parameters."""
     try:
-        import clarabel as library
+        import clarabel as library  # pyright: ignore[reportMissingTypeStubs]
     except ImportError as error:
         raise MissingExtraError("clarabel", "identify", "identifying dynamics") from error
     clarabel: Any = library
@@ -534,9 +539,10 @@ def _solve(
         cones.append(clarabel.PSDTriangleConeT(4))
     settings = clarabel.DefaultSettings()
     settings.verbose = False
-    matrix: Any = sparse.vstack(blocks) @ sparse.diags(spread)
+    scipy_sparse: Any = sparse  # without types
+    matrix = scipy_sparse.vstack(blocks) @ scipy_sparse.diags(spread)
     norm = np.asarray(np.sqrt(matrix.multiply(matrix).sum(axis=1))).ravel()[: len(sides)]
-    weight = sparse.diags(np.concatenate([1.0 / norm, np.ones(matrix.shape[0] - len(sides))]))
+    weight = scipy_sparse.diags(np.concatenate([1.0 / norm, np.ones(matrix.shape[0] - len(sides))]))
     solver = clarabel.DefaultSolver(
         sparse.csc_matrix(np.triu(quadratic)),
         linear,
@@ -589,8 +595,10 @@ def _linear_constraints(
 
 
 #: Entries of the upper triangle of a (4, 4) pseudo-inertia by columns: the parameter's number.
-_TRIANGLE = ((0, 0, 4), (0, 1, 7), (1, 1, 5), (0, 2, 8), (1, 2, 9), (2, 2, 6))
-_TRIANGLE += ((0, 3, 1), (1, 3, 2), (2, 3, 3), (3, 3, 0))
+_TRIANGLE = (
+    *((0, 0, 4), (0, 1, 7), (1, 1, 5), (0, 2, 8), (1, 2, 9), (2, 2, 6)),
+    *((0, 3, 1), (1, 3, 2), (2, 3, 3), (3, 3, 0)),
+)
 _SIX = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 

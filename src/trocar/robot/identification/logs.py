@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfiltfilt
+from scipy.signal import butter, sosfiltfilt  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 
 from trocar.descriptions import ArmDescription
 from trocar.descriptions.overlay_records import FilterSettings
@@ -28,12 +28,12 @@ from trocar.robot.logs import (
 
 Array = NDArray[np.float64]
 
-#: A log must be longer [s]. Source: our own choice, 1 s beyond what the filters' ends take.
+#: Least length of a log [s]. Source: our own choice, 1 s beyond both cut ends.
 SHORTEST_S = 3.0
-#: Samples that are cut at both ends, where filters settle [s]. Source:
+#: Time cut at both ends, where filters settle [s]. Source:
 #: dvrk_dynamics_identification, 200 samples at 200 Hz.
 CUT_S = 1.0
-#: Time steps of a log with a time column are even within this ratio. Source: our own choice.
+#: Largest relative variation of time steps in a time column. Source: our own choice.
 EVEN = 0.5
 #: Slope of velocities against the derivative of positions. Source: our own choice; recorded
 #: velocities are up to 17 % too large, a wrong unit is a factor of 57 or 1000.
@@ -110,7 +110,7 @@ def default_filters(arm: ArmDescription) -> FilterSettings:
 
 
 def log_kind(path: str | Path) -> Literal["recording", "bag", "table", "rows"]:
-    """Return what a log is: a recording of trocar's own, a bag, or CSV with or without a header."""
+    """Determine the kind of a log: a recording, a bag, or CSV with or without a header."""
     if is_recording(path):
         return "recording"
     if is_bag(path):
@@ -216,7 +216,7 @@ def filtered(log: Log, arm: ArmDescription, settings: FilterSettings) -> Filtere
 
 def low_pass(values: Array, cutoff_hz: float, rate_hz: float, settings: FilterSettings) -> Array:
     """Return values, (k, ...), behind a Butterworth filter run forwards and backwards."""
-    sections = butter(settings.order, cutoff_hz, fs=rate_hz, output="sos")
+    sections = cast("Array", butter(settings.order, cutoff_hz, fs=rate_hz, output="sos"))
     return sosfiltfilt(sections, values, axis=0)
 
 
@@ -314,7 +314,7 @@ def _tidy_rows(path: str | Path, header: list[str], joints: tuple[str, ...]) -> 
             f" steps, within {EVEN:.0%}",
             at + 3,
         )
-    even = np.linspace(time[0], time[-1], len(time))
+    even = cast("Array", np.linspace(time[0], time[-1], len(time)))
     rate = (len(time) - 1) / (time[-1] - time[0])
 
     def quantity(what: str) -> Array:
@@ -367,7 +367,7 @@ def _check_columns(log: Log, arm: ArmDescription) -> None:
                 f" {limit:g}; allowed: {SATURATED:.0%} (saturated, or another unit?)",
             )
         peak = float(np.abs(log.effort[:, k]).max())
-        clipped = float(np.mean(np.abs(log.effort[:, k]) == peak))
+        clipped = float(np.mean(cast("Array", np.abs(log.effort[:, k]) == peak)))
         if peak > 0.0 and clipped > SATURATED:
             raise LogError(
                 log.file,

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from trocar.descriptions import ArmDescription, load_arm
 from trocar.descriptions.calibrated import CAD, DYNAMICS, One, as_overlay
 from trocar.descriptions.overlay_records import Drivetrain, FilterSettings
 from trocar.errors import InputError
-from trocar.outputs import whole_folder
+from trocar.outputs import json_text, whole_folder
 from trocar.plotting.drawing import EFFORT, MEASURED, SETPOINT, new_figure, png
 from trocar.robot.identification.drivetrains import described_trains
 from trocar.robot.identification.logs import FilteredLog, default_filters, filtered, read_motion
@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class LogSettings:
-    """How a log is to be read.
+    """Settings for reading a log.
 
     Attributes:
         tool: that was mounted; None: the default of the description
@@ -47,8 +47,7 @@ class LogSettings:
             return usual
         if not self.cutoff_hz > 0.0:
             raise InputError(f"cut-off: got {self.cutoff_hz:g} Hz; allowed: more than 0")
-        values = asdict(usual)
-        return FilterSettings(**{**values, "cutoff_hz": self.cutoff_hz})
+        return replace(usual, cutoff_hz=self.cutoff_hz)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,13 +72,13 @@ class Prediction:
     score: Score
 
     def document(self) -> dict[str, Any]:
-        """Return the result as plain values, for JSON."""
+        """Convert to the table of a JSON document."""
         return {
             "log": self.log.log.file,
             "arm": self.arm.name,
             "tool": self.arm.tool or None,
             "dynamics": self.dynamics,
-            "weights": [asdict(weight) for weight in self.weights],
+            "weights": self.weights,
             "samples": len(self.effort),
             "relative_rms_percent": self.score.relative_rms_percent,
             "rms": self.score.rms,
@@ -167,10 +166,12 @@ def plot(prediction: Prediction) -> bytes:
         MissingExtraError: matplotlib is not installed
     """
     columns = prediction.log.log.columns
-    figure = new_figure(9.0, 1.35 * len(columns) + 0.6, "drawing efforts")
+    figure: Any = new_figure(9.0, 1.35 * len(columns) + 0.6, "drawing efforts")
     axes = figure.subplots(len(columns), 1, sharex=True)
     time = np.arange(len(prediction.effort)) / prediction.log.log.rate_hz
-    for k, (ax, name) in enumerate(zip(np.atleast_1d(axes), columns, strict=True)):
+    for k, (ax, name) in enumerate(
+        zip(cast("list[Any]", np.atleast_1d(axes)), columns, strict=True)
+    ):
         measured, predicted = prediction.effort[:, k], prediction.predicted[:, k]
         ax.plot(time, measured, color=MEASURED, linewidth=0.9, label="measured")
         ax.plot(time, predicted, color=SETPOINT, linewidth=0.9, label="predicted")
@@ -190,15 +191,15 @@ def plot(prediction: Prediction) -> bytes:
 
 def write_report(
     folder: str | Path,
-    documents: Mapping[str, Any],
+    result: Any,
     predictions: Sequence[Prediction],
     overwrite: bool = False,
 ) -> None:
-    """Write JSON documents and a plot of each prediction into a new folder.
+    """Write result.json and a plot of each prediction into a new folder.
 
     Args:
         folder: the new folder
-        documents: {name of the file without ending: JSON text}
+        result: what result.json has, as for `trocar.outputs.document`
         predictions: to plot, as efforts_1.png, ...
         overwrite: replace a folder that exists
 
@@ -208,8 +209,7 @@ def write_report(
     """
     plots = [plot(one) for one in predictions]
     with whole_folder(folder, overwrite) as part:
-        for name, text in documents.items():
-            (part / f"{name}.json").write_text(text, encoding="utf-8", newline="\n")
+        (part / "result.json").write_text(json_text(result), encoding="utf-8", newline="\n")
         for number, data in enumerate(plots, 1):
             (part / f"efforts_{number}.png").write_bytes(data)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +23,8 @@ Array = NDArray[np.float64]
 #: measure repeatability only.
 BLOCKS = 6
 GAP_S = 0.2
-#: A trajectory is periodic if it differs from itself one period later by less than this ratio of
-#: its size. Source: our own choice; recorded ones differ by 0.01.
+#: Largest difference of a periodic trajectory from itself one period later, as a ratio of its size.
+#: Source: our own choice; recorded ones differ by 0.01.
 PERIODIC = 0.1
 
 
@@ -64,7 +65,10 @@ def period(log: FilteredLog) -> int:
     q = (q - q.mean(axis=0)) / np.maximum(q.std(axis=0), 1e-12)
     shortest = round(2.0 * log.log.rate_hz)
     differences = np.array(
-        [np.sqrt(np.mean((q[lag:] - q[:-lag]) ** 2)) for lag in range(shortest, 2 * len(q) // 3)]
+        [
+            np.sqrt(np.mean(cast("Array", (q[lag:] - q[:-lag]) ** 2)))
+            for lag in range(shortest, 2 * len(q) // 3)
+        ]
     )
     if not len(differences) or differences.min() > PERIODIC:
         return len(q)

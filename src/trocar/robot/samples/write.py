@@ -19,16 +19,17 @@ from trocar.simulation.records import Recording
 Array = NDArray[np.float64]
 
 ARM = "PSM1"
-#: Source: our own choice; the dVRK's logs have 200 rows a second.
+#: Sample rate [Hz], duration [s] and base frequency of the motion [Hz]. Source: our own choice; the
+#: rate is that of the dVRK's logs.
 RATE_HZ, DURATION_S, FREQUENCY_HZ = 200.0, 8.0, 0.125
-#: Where the motion begins, half of how far it goes [rad or m], and how often. Source: our own
-#: choice; joints that swing at rates of their own excite the dynamics enough to identify them.
+#: Middle and amplitude [rad or m] and frequency of the motion of each joint. Source: our own
+#: choice; joints that swing at different rates excite the dynamics enough to identify them.
 START = (0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.2)
 SWING = (0.3, -0.25, 0.05, 0.5, 0.3, -0.3, 0.2)
 SWINGS = (3, 4, 5, 7, 6, 8, 9)
-#: Joints that logs hold as their motors turn. Source: dvrk_dynamics_identification.
+#: Joints that logs have as motor positions. Source: dvrk_dynamics_identification.
 MOTOR_SIDE = ("wrist_pitch", "wrist_yaw", "jaw")
-#: Stamp of the bag's first message [ns]. Source: any moment; the dVRK's stamps are of this size.
+#: Stamp of the bag's first message [ns]. Source: our own choice, the size of the dVRK's stamps.
 BEGIN_NS = 1_700_000_000 * 10**9
 
 

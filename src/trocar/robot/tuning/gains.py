@@ -18,20 +18,20 @@ from trocar.robot.tuning.steps import StepBench, StepResponse
 MOST_OVERSHOOT = 0.05
 MOST_EFFORT_SHARE = 0.8
 MOST_STEADY_SHARE = 0.02
-#: P and D stay within this factor of where they were: no simulated servo tells when a real one
-#: would begin to sing. Source: our own choice.
+#: Largest factor of change of P and D: the simulated servo lacks the resonances of a real one.
+#: Source: our own choice.
 MOST_FACTOR = 4.0
 #: Factors by which P and D are changed, coarse to fine. Source: our own choice.
 FACTORS = (2.0, 2.0**0.5, 2.0**0.25, 2.0**0.125)
-#: A joint without D begins its search at P times this. Source: our own choice. [s]
+#: First ratio of D to P of a joint without D [s]. Source: our own choice.
 FIRST_LEAD_S = 0.01
-#: Settling times count as equal within this. Source: the physics period is ten times longer. [s]
+#: Resolution of settling times [s]. Source: a tenth of the physics step.
 SETTLING_STEP_S = 1e-4
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """What a response has to keep; it may be as bad as the present one in what that one breaks.
+    """Bounds of a response; where the present response breaks one, its own value is the bound.
 
     Attributes:
         overshoot: share of the way
@@ -119,7 +119,7 @@ def _neighbours(
 
 @dataclass(frozen=True)
 class TuneSettings:
-    """What to tune.
+    """Settings of a tuning.
 
     Attributes:
         joints: names, all joints when empty
@@ -141,10 +141,14 @@ class GainTrial:
     gains: Gains
     response: StepResponse
 
+    def document(self) -> dict[str, float]:
+        """Convert to one table of both for JSON."""
+        return vars(self.gains) | vars(self.response)
+
 
 @dataclass(frozen=True)
 class JointTuning:
-    """What was found for one joint.
+    """Gains found for one joint.
 
     Attributes:
         joint, kind: its name; "revolute" or "prismatic"
@@ -163,10 +167,10 @@ class JointTuning:
 
 @dataclass(frozen=True)
 class TuningReport:
-    """What `tune` found.
+    """Result of `tune`.
 
     Attributes:
-        arm, tool: names, the tool "" when none
+        arm, tool: names, the tool None without one
         control: the preset that the gains are from
         friction: the joint model
         joints: in the arm's order
@@ -174,7 +178,7 @@ class TuningReport:
     """
 
     arm: str
-    tool: str
+    tool: str | None
     control: str
     friction: str
     joints: tuple[JointTuning, ...]
@@ -213,7 +217,7 @@ def tune(
     preset = how.control if how.control in described.control else next(iter(described.control))
     return TuningReport(
         described.name,
-        described.tool,
+        described.tool or None,
         preset,
         how.friction,
         tuple(found),

@@ -21,16 +21,16 @@ Array = NDArray[np.float64]
 #: within 2 % of the final value for good.
 RISE_FROM, RISE_TO = 0.1, 0.9
 SETTLING_BAND = 0.02
-#: The final value is the mean over this share of the record, its end. An answer that settles only
+#: Ratio of the record, at its end, whose mean is the final value; a response that settles only
 #: there has not settled. Source: our own choice.
 FINAL_SHARE = 0.1
-#: A joint that moves by less than this share of the step does not answer. Source: our own choice.
+#: Ratio of the step below which a motion is no response. Source: our own choice.
 LEAST_ANSWER = 0.1
 
 
 @dataclass(frozen=True)
 class StepResponse:
-    """How a joint answered a step; what does not exist is NaN.
+    """Measures of a step response; NaN where one does not exist.
 
     Attributes:
         rise_time_s: from 10 to 90 % of the way that it went [s]
@@ -77,13 +77,13 @@ def step_response(
 
 
 def _first_time_at(time: Array, way: Array, level: float) -> float:
-    """Return when the answer first reaches a level."""
+    """Find the time at which the response first reaches a level."""
     after = int(np.argmax(way >= level))
     return _crossing(time, way, after, level)
 
 
 def _settling_time(time: Array, way: Array) -> float:
-    """Return when the answer enters the band for good, NaN when it does not in time."""
+    """Find the time at which the response stays within the band; NaN if it does not settle."""
     outside = np.flatnonzero(np.abs(way - 1.0) > SETTLING_BAND)
     after = int(outside[-1]) + 1
     if after >= len(way) or time[after] > (1.0 - FINAL_SHARE) * time[-1]:
@@ -93,7 +93,7 @@ def _settling_time(time: Array, way: Array) -> float:
 
 
 def _crossing(time: Array, way: Array, after: int, level: float) -> float:
-    """Return when the line from the sample before `after` to it passes a level."""
+    """Interpolate the time at which the response passes a level, between `after` and before."""
     before = max(after - 1, 0)
     rise = way[after] - way[before]
     share = (level - way[before]) / rise if rise else 0.0
@@ -171,7 +171,7 @@ class StepBench:
         return self._present[joint]
 
     def step_size(self, joint: str) -> float:
-        """Return how far a joint is stepped, with two digits [rad or m].
+        """Choose the size of the step of a joint, with two digits [rad or m].
 
         Raises:
             UnknownNameError: no such joint
@@ -234,7 +234,7 @@ class StepBench:
         world.step(round(REST_S / world.timestep))
 
     def _command(self, joint: str, q: Array) -> None:
-        """Tell one joint where to be; the others are held."""
+        """Command the position of one joint; the others hold."""
         arm = self._world.arm(self._name)
         if joint == "jaw" and arm.jaw is not None:
             arm.jaw.servo_jp(q[-1:])
@@ -250,7 +250,7 @@ class StepBench:
         return start
 
     def _lowest(self, joint: str) -> float:
-        """Return where a joint's range begins: at its stop, where that lies inside the limits."""
+        """Find the lower end of a joint's range: its stop, if that lies inside the limits."""
         described = self.arm.joint(joint)
         stop = described.stop_lower
         return max(described.lower, stop) if math.isfinite(stop) else described.lower

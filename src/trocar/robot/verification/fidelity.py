@@ -1,9 +1,10 @@
-"""The figures that the twin is trusted for: each measured here, beside its bound."""
+"""Accuracy of the simulation: each figure measured, beside its bound."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Literal
+from pathlib import Path
+from typing import Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from trocar.geometry.se3 import pose_difference
 from trocar.kinematics import forward
 from trocar.kinematics.inverse import inverse_kinematics
 from trocar.kinematics.loops import NEAR_FLAT_RAD, flattenings
+from trocar.robot.follow import replay
 from trocar.robot.verification.figures import Figure
 from trocar.simulation import World
 from trocar.simulation.arm import Arm
@@ -40,13 +42,14 @@ FRICTIONS: tuple[FrictionModel, ...] = ("identified", "paper")
 SEED = 9
 POSES = 20
 FLOAT_S = 10.0
-#: Until friction has stopped a servo. Source: measured, an MTM rests after 0.5 s. [s]
+#: Time in which friction stops a servo [s]. Source: measured, an MTM rests after 0.5 s.
 SETTLE_S = 1.0
-#: No move of an arm lasts longer; a whole turn of a slow joint takes 8 s. [s]
+#: Longest move of an arm [s]; a whole turn of a slow joint takes 8 s.
 MOVE_S = 30.0
 HALF = np.pi / 2.0
 TOOLTIP = np.array([[0, -1, 0, 0], [0, 0, 1, 0], [-1, 0, 0, 0], [0, 0, 0, 1.0]])
-#: Of an endoscope. Source: SAW mtsIntuitiveResearchKitECM.cpp, set_endoscope_type.
+#: Tip of an endoscope in its last row. Source: SAW mtsIntuitiveResearchKitECM.cpp,
+#: set_endoscope_type.
 SCOPE_TIP = np.array([[0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]])
 
 
@@ -178,7 +181,8 @@ def static_gravity() -> Iterator[Figure]:
     for name in ("psm", "ecm"):
         arm = load_arm(name)
         lower, upper = arm.mechanism.lower[:3], arm.mechanism.upper[:3]
-        grid = np.meshgrid(*(np.linspace(a, b, 11) for a, b in zip(lower, upper, strict=True)))
+        axes = [cast("Array", np.linspace(a, b, 11)) for a, b in zip(lower, upper, strict=True)]
+        grid = np.meshgrid(*axes)
         q = np.zeros((11**3, len(arm.joints)))
         q[:, :3] = np.stack([g.ravel() for g in grid], axis=-1)
         limits = np.array([j.effort_max for j in arm.joints])
@@ -258,7 +262,7 @@ def hands_off() -> Iterator[Figure]:
 def drifts(
     rig: str, friction: FrictionModel, poses: int = POSES, seconds: float = FLOAT_S
 ) -> list[float]:
-    """Return how far the tip of each arm drifts hands-off from random poses [m]."""
+    """Measure the drift of the tip of each arm hands-off, from random poses [m]."""
     world = World(rig, friction=friction, collisions=False, dynamics="cad")
     rng = np.random.default_rng(SEED)
     found: list[float] = []
@@ -315,9 +319,25 @@ def _goal(arm: Arm, rng: np.random.Generator) -> np.ndarray:
 
 
 def masters_loops() -> Iterator[Figure]:
-    """Drive both masters along the whole test sine: how far do their parallelograms gape?"""
+    """Drive both masters along the whole test sine: largest loop error of their parallelograms."""
     world = World("mtm", dynamics="cad")
     sine = paper_sine(world.rig, 10.0, TICK_S)
     gap, _, branch = loop_health(world, sine, round(TICK_S / world.timestep))
     yield Figure("mtm: loop gap along the test sine", 1e6 * gap, "um", 0.1)
     yield Figure("mtm: branch flips", float(not branch), "", 0.0)
+
+
+def replayed(log: str | Path) -> Iterator[Figure]:
+    """Drive a PSM along a recording of a real one (`trocar.robot.follow`).
+
+    Args:
+        log: recording, as for `replay`
+    """
+    report = replay(log, "psm")
+    for joint, rms in report.tracking_rms.items():
+        unit, limit = ("mm", 1.0) if joint == "insertion" else ("mrad", 10.0)
+        yield Figure(f"replay: tracking of {joint}", 1e3 * rms, unit, limit)
+    for joint, rms in report.effort_rms.items():
+        limit = 0.5 if joint in ("yaw", "pitch") else None
+        unit = "N" if joint == "insertion" else "N m"
+        yield Figure(f"replay: effort of {joint}, simulated - recorded", rms, unit, limit)

@@ -58,7 +58,7 @@ class Figure:
 
     @property
     def verdict(self) -> str:
-        """Return "met", "MISSED", or "" without bounds."""
+        """The verdict as text: "met", "MISSED", or "" without bounds."""
         return {None: "", True: "met", False: "MISSED"}[self.met]
 
     @property
@@ -94,7 +94,7 @@ class Figure:
         return f"{self.text(middle)} +- {self.text(half)}"
 
     def document(self) -> dict[str, Any]:
-        """Return the figure as it stands in JSON documents."""
+        """Convert to the table of a JSON document."""
         bounds = {"lower": self.lower, "upper": self.upper}
         return {
             "name": self.name,

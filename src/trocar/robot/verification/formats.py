@@ -214,20 +214,20 @@ def _drake(text: str, kind: str, model: LinkModel, named: Callable[[str], str]) 
         model: whose links are looked for
         named: from a joint's name to the file's
     """
-    from pydrake.multibody.parsing import Parser  # pyright: ignore[reportMissingImports]
-    from pydrake.multibody.plant import MultibodyPlant  # pyright: ignore[reportMissingImports]
+    from pydrake.multibody import parsing, plant  # pyright: ignore
 
-    plant = MultibodyPlant(0.001)
-    Parser(plant).AddModelsFromString(text, kind)
-    plant.Finalize()
-    context = plant.CreateDefaultContext()
+    parsers, plants = cast(Any, parsing), cast(Any, plant)  # compiled, without types
+    read = plants.MultibodyPlant(0.001)
+    parsers.Parser(read).AddModelsFromString(text, kind)
+    read.Finalize()
+    context = read.CreateDefaultContext()
 
     def stand(values: Mapping[str, float]) -> dict[str, Array]:
         for name, value in values.items():
-            joint: Any = plant.GetJointByName(named(name))
+            joint: Any = read.GetJointByName(named(name))
             slides = joint.type_name() == "prismatic"
             (joint.set_translation if slides else joint.set_angle)(context, value)
-        found: dict[str, Any] = {k.name: plant.GetFrameByName(k.name) for k in model.links[1:]}
+        found: dict[str, Any] = {k.name: read.GetFrameByName(k.name) for k in model.links[1:]}
         return {n: f.CalcPoseInWorld(context).GetAsMatrix4() for n, f in found.items()}
 
     return stand

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,22 +29,23 @@ from trocar.simulation.trials import TICK_S, loop_health, paper_sine, periods_pe
 
 Array = NDArray[np.float64]
 
-#: The kinematics closes loops to this. Source: `kinematics.loops.PARALLELOGRAM_TOLERANCE_M`. [m]
+#: Tolerance of closed loops in the kinematics [m]. Source:
+#: `kinematics.loops.PARALLELOGRAM_TOLERANCE_M`.
 KINEMATIC_GAP_M = 1e-9
 #: Largest gap in motion. Source: the project's own goal; some 0.04 um are measured. [m]
 SIMULATED_GAP_M = 1e-7
-#: Source: our own choice, what an instrument presses with. [N]
+#: Load of the tip [N]. Source: our own choice, a force that an instrument exerts.
 LOAD_N = 10.0
 #: Types of arms whose tips may be loaded. Source: `simulation.tip_load`.
 LOADED = ("PSM", "ECM")
 STEPS = 201
-#: How far past the joint's limits the loops are drawn. Source: our own choice. [rad]
+#: Margin past the joint's limits in the drawing of loops [rad]. Source: our own choice.
 BEYOND_RAD = 0.7
 
 
 @dataclass(frozen=True, eq=False)
 class Fold:
-    """How a joint folds the loops.
+    """Branch determinants of the loops along the joint that folds them.
 
     Attributes:
         joint: name of the joint
@@ -160,8 +162,8 @@ def _flips(name: str, kept: bool) -> Figure:
 
 Array = NDArray[np.float64]
 
-#: How far a distance in motion may be from that of the kinematics: play of the loops.
-#: Source: a hundred times the gap that is allowed to a loop. [m]
+#: Largest difference of a distance in motion from that of the kinematics, play of the loops [m].
+#: Source: a hundred times the largest loop gap.
 SEEN_M = 1e-5
 
 
@@ -207,9 +209,11 @@ def _of_the_description(label: str, told: float, paper: float | None) -> Figure:
 
 
 def _measured(subject: Subject, label: str) -> list[Figure]:
-    """State what the tracks of a calibrated arm said of a distance."""
+    """State the distance that the tracks of a calibrated arm measured."""
     overlay = subject.arm.overlay
-    found = {} if overlay is None else overlay.measured.get("axis_distances_m", {})
+    found: dict[str, Any] = {}
+    if overlay is not None:
+        found = overlay.measured.get("axis_distances_m", {})
     value = found.get(label, {}).get("value")
     if overlay is None or not isinstance(value, float):
         return []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,24 +20,24 @@ from trocar.robot.verification.subject import MARKERS, Drive, Ranges, Subject, S
 
 Array = NDArray[np.float64]
 
-#: Most RMS without servo error. Source: the project's own goal. [m]
+#: Largest RMS without servo error [m]. Source: the project's own goal.
 MOST_RMS_M = 1e-5
 #: Noise of the poses' rotations: a simulation measures nothing, so the estimate is plain least
 #: squares, the paper's equation 4. Source: our own choice, below any mechanism's play. [rad]
 ROUNDING_RAD = 1e-9
-#: How far the remote centre of an arm with general loops may be from its hardware's, and its
+#: Largest distance of the remote centre of an arm with general loops from its hardware's, and
 #: spread. Source: the project's own goal; the paper's simulation misses its hardware by 3.46 and
 #: 3.91 mm. [m]
 MOST_MISSED_M = 1e-3
-#: Noise is told to 4 % of its RMS, whose square is 0.3 of that. Source: our own measurement, tracks
-#: of 1000 to 6000 samples.
+#: Smallest RMS displacement that stands out from noise, as a ratio of the noise's RMS, which is
+#: estimated to 4 %. Source: measured, tracks of 1000 to 6000 samples.
 NOISE_SHARE = 0.3
 TOLD: dict[Drive, str] = {"set": "no servo error", "servo": "with servos"}
 
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
-    """Where one run saw the remote centre, in the axes of Table 7.
+    """Remote centre of one run, in the axes of Table 7.
 
     Attributes:
         kind: type of the arm
@@ -62,7 +62,7 @@ class Cloud:
 
 
 def has_remote_centre(mechanism: Mechanism) -> bool:
-    """Tell whether an arm is built as PSM and ECM are: yaw, pitch, and an insertion past both."""
+    """Test for the chain of PSM and ECM: yaw, pitch, and an insertion past both."""
     frames = {"rcm", "insertion"} <= mechanism.frame_index.keys()
     return frames and {"yaw", "pitch"} <= mechanism.joint_index.keys()
 
@@ -117,7 +117,7 @@ def cloud(subject: Subject, motion: SweepResult) -> Cloud:
         centre,
         points,
         np.sqrt(np.mean(off**2, axis=0)),
-        float(np.sqrt(np.mean(np.sum(off**2, axis=1)))),
+        float(np.sqrt(np.mean(cast("Array", np.sum(off**2, axis=1))))),
         motion.actual[:, joints[0]],
         motion.actual[:, joints[1]],
         np.sqrt(np.mean(missed**2, axis=0)),
@@ -160,7 +160,7 @@ def _moved(T: Array, points: Array) -> Array:
 
 
 def is_general(subject: Subject) -> bool:
-    """Tell whether a calibrated arm's loops are four-bars with any sides."""
+    """Test whether a calibrated arm's loops are four-bars with any sides."""
     return subject.arm.overlay is not None and subject.arm.overlay.closure == "general"
 
 
@@ -207,7 +207,7 @@ def _figures(subject: Subject, found: Cloud) -> list[Figure]:
 
 
 def swept_ranges(subject: Subject, motion: SweepResult) -> str:
-    """Return between which positions yaw and pitch were told to go."""
+    """Describe the commanded ranges of yaw and pitch."""
     index = subject.arm.mechanism.joint_index
     told = {name: motion.commanded[:, index[name]] for name in ("yaw", "pitch")}
     return ", ".join(f"{name} {q.min():.2f} to {q.max():.2f} rad" for name, q in told.items())

@@ -30,16 +30,16 @@ if TYPE_CHECKING:
 PURPOSE = "drawing a report"
 HARDWARE, THEIRS, OURS = SETPOINT, MEASURED, EFFORT
 GRID = {"color": "#e3e8ed", "linewidth": 0.7}
-#: Every so many samples of a curve are drawn. Source: our own choice; 50 Hz.
+#: Samples of a curve per drawn point. Source: our own choice; 50 Hz.
 DRAWN = 4
-#: Source: our own choice; a page of less than 2 MB.
+#: Largest number of dots in a drawing. Source: our own choice; a page of less than 2 MB.
 MOST_DOTS = 500
 PLANES = ((0, 1), (0, 2), (1, 2))
 
 
 def figure10(found: TrackedJoints) -> Drawing:
     """Draw commanded and actual positions left and the error right, a row per joint."""
-    figure = new_figure(10.5, 1.45 * len(found.joints) + 0.8, PURPOSE)
+    figure: Any = new_figure(10.5, 1.45 * len(found.joints) + 0.8, PURPOSE)
     axes: Any = figure.subplots(len(found.joints), 2, sharex=True, squeeze=False)
     kept = slice(None, None, DRAWN)
     for index, (joint, kind) in enumerate(zip(found.joints, found.kinds, strict=True)):
@@ -69,7 +69,7 @@ def figure10(found: TrackedJoints) -> Drawing:
 def figure9(kind: str, clouds: Sequence[Cloud], compared: bool) -> Drawing:
     """Draw the remote centre from three sides: beside the paper's in mm, and ours alone in um."""
     beside = compared and kind in TABLE7
-    figure = new_figure(10.5, 7.2 if beside else 3.9, PURPOSE)
+    figure: Any = new_figure(10.5, 7.2 if beside else 3.9, PURPOSE)
     axes: Any = figure.subplots(2 if beside else 1, 3, squeeze=False)
     if beside:
         for axis, plane in zip(axes[0], PLANES, strict=True):
@@ -191,7 +191,7 @@ def _plain(axis: Any) -> None:
 
 
 def _linear(axis: Any) -> bool:
-    """Tell whether the heights of an axis are plain numbers, not names or powers."""
+    """Test whether the ticks of an axis are plain numbers, not names or powers."""
     return type(axis.yaxis.get_major_formatter()).__name__ == "ScalarFormatter"
 
 
@@ -207,7 +207,7 @@ PAPER = (
 
 
 def check_report(folder: str | Path, overwrite: bool = False) -> Path:
-    """Return where a report goes, before anything is measured for it.
+    """Check the folder of a report before anything is measured, and give the path of its page.
 
     Raises:
         InputError: the folder is a file, or holds a report that may not be replaced

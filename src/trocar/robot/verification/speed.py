@@ -33,6 +33,7 @@ from trocar.simulation.world import INTEGRATION
 
 Array = NDArray[np.float64]
 
+#: Configurations: title, rig, setup joints, the paper's real-time factor, and ours at least.
 #: Source: closed-loop paper, Table 9 (i7-4770K, Gazebo). Its last row, with the camera, is in
 #: `trocar verify`. The least real-time factors on one core are the project's own goal.
 CONFIGURATIONS: tuple[tuple[str, str, Literal["braked", "locked"], float, float], ...] = (
@@ -192,7 +193,7 @@ def table9(
     kinds = {row[1]: {arm.arm.name for arm in load_rig(row[1]).arms} for row in CONFIGURATIONS}
     for overlay in overlays:
         if not any(overlay.arm in of_rig for of_rig in kinds.values()):
-            known = ", ".join(sorted(set().union(*kinds.values())))
+            known = ", ".join(sorted({name for of_rig in kinds.values() for name in of_rig}))
             file = overlay.file or "overlay"
             raise InputError(f"{file}: is a calibration of {overlay.arm!r}; allowed: {known}")
     rows: list[Table9Row] = []
@@ -228,7 +229,7 @@ def table9(
 
 @dataclass(frozen=True)
 class HeadlessReport:
-    """What a headless run found; `tracking_rms` is {arm: {joint: rad or m}}.
+    """Report of a headless run; `tracking_rms` is {arm: {joint: rad or m}}.
 
     `wall_s` is how long the run took with all that it measured, `pass_s` one pass over
     `simulated_s`, the median, of which the real-time factor is.

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,12 +42,12 @@ class Subject:
 
     @property
     def calibrated(self) -> bool:
-        """Whether it is no nominal arm: the paper's figures are then another robot's."""
+        """Whether a calibration is applied; the paper's figures are of another robot then."""
         return self.arm.overlay is not None
 
     @property
     def simulated(self) -> bool:
-        """Whether its file has what a simulation needs, masses and gains."""
+        """Whether its file has masses and gains, which a simulation needs."""
         return bool(self.arm.control) and bool(self.arm.bodies)
 
     @property
@@ -87,24 +87,23 @@ Drive = Literal["servo", "set"]
 #: {joint: (from, to)} [rad]
 Ranges = Mapping[str, tuple[float, float]]
 
-#: While the first joint swings once, the second swings so often. Source: our own choice; a dense
-#: net.
+#: Swings of the second joint per swing of the first. Source: our own choice; a dense net.
 SECOND_SWINGS = 5
-#: Share of a joint's top speed that the sweep reaches. Source: our own choice.
+#: Ratio of a joint's velocity limit that the sweep reaches. Source: our own choice.
 SHARE_OF_SPEED = 0.9
-#: Every so many ticks of 5 ms a sample is kept. Source: our own choice; 20 Hz.
+#: Ticks of 5 ms per sample. Source: our own choice; 20 Hz.
 KEPT = 10
-#: The swings grow in over this time. Source: our own choice; after 2 s an ECM would exceed its
-#: velocity limits while they grow. [s]
+#: Time in which the swings grow to their amplitude [s]. Source: our own choice; in 2 s an ECM would
+#: exceed its velocity limits.
 RAMP_S = 4.0
-#: Where a cluster of markers is stuck on each link, T_link_markers: off its axes, as on a robot.
+#: Pose of the markers on each link, T_link_markers: off its axes, as on a robot.
 #: Source: our own choice; no distance and no axis depends on it.
 MARKERS = transform(matrix_from_rpy(0.4, -0.3, 0.7), np.array([0.05, 0.03, 0.04]))
 
 
 @dataclass(frozen=True, eq=False)
 class SweepResult:
-    """What an arm did while yaw and pitch swept their ranges.
+    """Motion of an arm while yaw and pitch sweep their ranges.
 
     Attributes:
         drive: "servo": moved by its servos; "set": its joints are where they are told, without
@@ -121,7 +120,7 @@ class SweepResult:
     coordinates: Array
 
     def link_poses(self, mechanism: Mechanism) -> dict[str, Array]:
-        """Return where every frame was in the arm's root, {frame: (k, 4, 4)}."""
+        """Compute the pose of every frame in the arm's root, {frame: (k, 4, 4)}."""
         found = frame_poses(mechanism, self.coordinates)
         return {frame.name: found[index] for index, frame in enumerate(mechanism.frames)}
 
@@ -161,6 +160,28 @@ def sweep(subject: Subject, drive: Drive, ranges: Ranges | None = None) -> Sweep
     return SweepResult(drive, time[kept], q[kept], actual, coordinates)
 
 
+class Sweeps:
+    """Sweeps of an arm over its whole ranges that several experiments share.
+
+    Args:
+        subject: whose
+        watch: called before a sweep is simulated
+    """
+
+    def __init__(self, subject: Subject, watch: Callable[[str], None]) -> None:
+        self.subject = subject
+        self.watch = watch
+        self._done: dict[Drive, SweepResult] = {}
+
+    def sweep(self, drive: Drive) -> SweepResult:
+        """Simulate a sweep, or give the one that was simulated before."""
+        if drive not in self._done:
+            errors = "servos" if drive == "servo" else "no servo error"
+            self.watch(f"{self.subject.name}: a sweep, {errors}")
+            self._done[drive] = sweep(self.subject, drive)
+        return self._done[drive]
+
+
 def _set(world: World, name: str, q: Array, v: Array) -> tuple[Array, Array]:
     """Put the joints to each row, let the loops settle for a tick, and look."""
     arm, own = world.arm(name), world.rig.arm(name).arm.own_joints
@@ -177,19 +198,20 @@ def _set(world: World, name: str, q: Array, v: Array) -> tuple[Array, Array]:
 
 
 def measured_ranges(subject: Subject) -> Ranges:
-    """Return over which ranges yaw and pitch were swept in the tracks of a calibrated arm.
+    """Read the ranges of yaw and pitch in the tracks of a calibrated arm.
 
     Returns:
         {joint: (from, to) [rad]}, within the joints' limits; empty where the overlay has none
     """
     overlay = subject.arm.overlay
-    told = {} if overlay is None else overlay.measured.get("rcm", {}).get("sweep_rad", {})
+    measured: dict[str, Any] = {} if overlay is None else overlay.measured.get("rcm", {})
+    swept: dict[str, tuple[float, float]] = measured.get("sweep_rad", {})
     found: dict[str, tuple[float, float]] = {}
     for joint in subject.arm.joints:
-        if joint.name in told:
-            low, high = (float(np.clip(v, joint.lower, joint.upper)) for v in told[joint.name])
+        if joint.name in swept:
+            low, high = (float(np.clip(v, joint.lower, joint.upper)) for v in swept[joint.name])
             found[joint.name] = (low, high)
-    return found if len(found) == len(told) else {}
+    return found if len(found) == len(swept) else {}
 
 
 def _net(subject: Subject, ranges: Ranges) -> tuple[Array, Array, Array]:
@@ -213,7 +235,7 @@ def _net(subject: Subject, ranges: Ranges) -> tuple[Array, Array, Array]:
 
 
 def _span(joint: JointDescription, ranges: Ranges) -> tuple[float, float]:
-    """Return between which positions a joint is swept."""
+    """Choose the ends of the sweep of a joint."""
     if joint.name in ranges:
         return ranges[joint.name]
     middle = 0.5 * (joint.lower + joint.upper)

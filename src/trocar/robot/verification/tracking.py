@@ -20,7 +20,8 @@ from trocar.simulation.trials import RAMP_S, TICK_S, begin_trajectory, paper_sin
 
 Array = NDArray[np.float64]
 
-#: One period of the sine and the second in which it grows. Source: closed-loop paper 4.3, 0.1 Hz.
+#: Duration of one period of the sine and of the second in which it grows [s]. Source: closed-loop
+#: paper 4.3, 0.1 Hz.
 DURATION_S = 11.0
 #: {model: {kind of joint: most RMS error}} [rad, m]. Source: the project's own goals: with Table
 #: 8's gains 5 mrad and 0.15 mm, with the dVRK's what a replay of a recording is allowed.
@@ -33,7 +34,7 @@ TOLD: dict[Model, str] = {"paper": "Table 8's gains", "dvrk": "the dVRK's gains"
 
 @dataclass(frozen=True, eq=False)
 class TrackedJoints:
-    """What the joints were told and did with one set of gains.
+    """Commanded and actual joint positions with one set of gains.
 
     Attributes:
         model: which gains and which friction
@@ -106,7 +107,7 @@ def track(subject: Subject, model: Model, compensated: bool = True) -> TrackedJo
 
 
 def delays(found: TrackedJoints) -> Array:
-    """Return by how much each joint lags behind its set-point, least squares, (n,) [s].
+    """Estimate the lag of each joint behind its set-point by least squares, (n,) [s].
 
     A joint that is late by t is off by -t times its speed.
     """

@@ -1,4 +1,4 @@
-"""What the core's verbs and readings cost, in physics steps of a PSM."""
+"""Cost of the core's verbs and readings, in physics steps of a PSM."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from trocar.simulation.world import INTEGRATION
 Array = NDArray[np.float64]
 Action = Callable[[], object]
 
-#: Rounds in which everything is measured in turn, and calls of each in a round; medians count.
+#: Rounds of interleaved measurements, and calls of each in a round; medians count.
 ROUNDS = 15
 CALLS = 60
 #: The unit: a warm step of a PSM whose joints follow a sine of this size and angle a step.
@@ -38,7 +38,7 @@ SWING_RAD, STEP_RAD = 0.2, 0.01
 ENVIRONMENT_STEPS = 20
 BATCH = 64
 THREADS = 2
-#: How far axes of the calibrated arm are off. Source: our choice.
+#: Largest offset of axes of the calibrated arm [m, rad]. Source: our own choice.
 SKEW_M, SKEW_RAD = 5e-4, 0.0035
 
 

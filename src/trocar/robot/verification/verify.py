@@ -2,37 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
+from inspect import signature
 from pathlib import Path
 
 from trocar.descriptions import load_arm
-from trocar.descriptions.overlay import apply_overlay, read_overlay
+from trocar.descriptions.overlay import Overlay, apply_overlay, read_overlay
 from trocar.errors import InputError
+from trocar.robot.experiments import VERIFIED, Watch, chosen, names_of
 from trocar.robot.verification.figures import Figure, ReportPart
-from trocar.robot.verification.formats import formats
-from trocar.robot.verification.linkage import axes, closure
+from trocar.robot.verification.linkage import axes
 from trocar.robot.verification.rcm import beside_hardware, has_remote_centre, rcm
-from trocar.robot.verification.subject import (
-    Drive,
-    Subject,
-    SweepResult,
-    measured_ranges,
-    sweep,
-    swept_joints,
-)
-from trocar.robot.verification.tracking import realtime, tracking
+from trocar.robot.verification.subject import Subject, Sweeps, measured_ranges, swept_joints
+from trocar.robot.verification.tracking import realtime
 
-#: What can be verified, in display order.
-PARTS = ("closure", "rcm", "axes", "tracking", "realtime", "formats")
+#: Names of the parts, in display order.
+PARTS = names_of(VERIFIED)
 #: The arms of the paper's experiments.
 ARMS = ("psm", "ecm")
-Watch = Callable[[str], None]
 
 
 @dataclass(frozen=True, eq=False)
 class Verification:
-    """What every part found."""
+    """The parts of a verification."""
 
     parts: tuple[ReportPart, ...]
 
@@ -43,12 +36,12 @@ class Verification:
 
     @property
     def judged(self) -> int:
-        """How many figures have a tolerance."""
+        """Number of figures with a tolerance."""
         return sum(f.met is not None for part in self.parts for f in part.figures)
 
     @property
     def stated(self) -> int:
-        """How many figures have no tolerance."""
+        """Number of figures without a tolerance."""
         return sum(f.met is None for part in self.parts for f in part.figures)
 
     @property
@@ -78,7 +71,7 @@ def verify(
         arms: built-in arms or TOML files; when omitted those of the calibrations, or PSM and ECM
         calibrations: overlays, each laid over the arm that it is of
         parts: what to verify, of PARTS
-        watch: told what is measured next
+        watch: called with the step that begins
 
     Raises:
         InputError: no such part or arm, an overlay of another arm, or nothing to verify
@@ -88,7 +81,7 @@ def verify(
         if part not in PARTS:
             raise InputError(f"part: got {part!r}; allowed: {', '.join(PARTS)}")
     subjects = _subjects(arms, calibrations)
-    say = watch or (lambda _: None)
+    say = watch or _say_nothing
     found = [each for s in subjects for each in _of_arm(s, parts, say)]
     if "realtime" in parts:
         found.append(realtime(say))
@@ -99,13 +92,17 @@ def verify(
     return Verification(tuple(sorted(found, key=lambda part: order[part.name])))
 
 
+def _say_nothing(_: str) -> None:
+    pass
+
+
 def _subjects(arms: Sequence[str | Path], calibrations: Sequence[str | Path]) -> list[Subject]:
     """Load every arm with the overlay that is for it.
 
     Raises:
         InputError: an overlay of an arm that is not verified, or two of one arm
     """
-    overlays = {}
+    overlays: dict[str, tuple[Overlay, str]] = {}
     for file in calibrations:
         overlay = read_overlay(file)
         if overlay.arm in overlays:
@@ -126,33 +123,27 @@ def _subjects(arms: Sequence[str | Path], calibrations: Sequence[str | Path]) ->
     return subjects
 
 
-def _of_arm(subject: Subject, parts: Sequence[str], say: Watch) -> Iterator[ReportPart]:
-    """Run what is of one arm."""
-    sweeps: dict[Drive, SweepResult] = {}
-    name, centred = subject.name, has_remote_centre(subject.arm.mechanism)
+def rcm_of_sweeps(subject: Subject, sweeps: Sweeps) -> ReportPart:
+    """Estimate the remote centre from the shared sweeps, and beside a calibrated arm's hardware."""
+    if not (has_remote_centre(subject.arm.mechanism) and subject.simulated):
+        return rcm(subject, ())
+    beside = beside_hardware(subject, measured_ranges(subject))
+    return rcm(subject, (sweeps.sweep("set"), sweeps.sweep("servo")), beside)
 
-    def swept(drive: Drive) -> SweepResult:
-        if drive not in sweeps:
-            say(f"{name}: a sweep, {'servos' if drive == 'servo' else 'no servo error'}")
-            sweeps[drive] = sweep(subject, drive)
-        return sweeps[drive]
 
-    if "closure" in parts:
-        say(f"{name}: closure")
-        yield closure(subject)
-    if "rcm" in parts:
-        able = centred and subject.simulated
-        ranges = measured_ranges(subject) if able else {}
-        if ranges:
-            say(f"{name}: sweeps over the measured range")
-        again = beside_hardware(subject, ranges) if able else []
-        yield rcm(subject, (swept("set"), swept("servo")) if able else (), again)
-    if "axes" in parts:
-        able = subject.simulated and bool(swept_joints(subject.arm.mechanism))
-        yield axes(subject, swept("servo") if able else None)
-    if "tracking" in parts:
-        say(f"{name}: tracking")
-        yield tracking(subject)
-    if "formats" in parts:
-        say(f"{name}: formats")
-        yield formats(subject)
+def axes_of_sweeps(subject: Subject, sweeps: Sweeps) -> ReportPart:
+    """Compare the distances of axes with Table 6, also in motion where an arm can be swept."""
+    able = subject.simulated and bool(swept_joints(subject.arm.mechanism))
+    return axes(subject, sweeps.sweep("servo") if able else None)
+
+
+def _of_arm(subject: Subject, parts: Collection[str], say: Watch) -> Iterator[ReportPart]:
+    """Run the parts that are of one arm."""
+    sweeps = Sweeps(subject, say)
+    for experiment in chosen(VERIFIED, parts):
+        if experiment.name == "realtime":
+            continue
+        say(f"{subject.name}: {experiment.name}")
+        measure = experiment.load()
+        shared = (sweeps,) if "sweeps" in signature(measure).parameters else ()
+        yield measure(subject, *shared)

@@ -64,6 +64,7 @@ def test_the_pull_on_the_ball_is_that_on_the_tip_and_no_more_than_the_pump_exert
 ) -> None:
     cup = with_cup(world)
     cup.start()
+    applied = np.zeros((1, 3))
     for _ in range(50):
         world.step(1)
         applied = world.mj_data.xfrc_applied[:, :3]

@@ -14,11 +14,30 @@ from trocar import __version__
 from trocar.descriptions import ArmDescription
 from trocar.descriptions.axis_lines import home_lines, line_distance
 from trocar.descriptions.calibration_plan import default_plan
-from trocar.descriptions.overlay import Overlay
+from trocar.descriptions.overlay import (
+    ClosurePatch,
+    FramePatch,
+    Overlay,
+    closure_patch,
+    frame_patch,
+)
 from trocar.errors import InputError, LabelsError, TracksError, UndeterminedError
 from trocar.kinematics.loops import loops_are_parallelograms
 from trocar.kinematics.mechanism import Mechanism
-from trocar.robot.calibration.axes import Axes, Value, distances, measure_axes, shared_body
+from trocar.robot.calibration.axes import (
+    Axes,
+    Datum,
+    Home,
+    Pair,
+    Value,
+    betas,
+    distances,
+    find_datum,
+    find_home,
+    measure_axes,
+    shared_body,
+    slopes,
+)
 from trocar.robot.calibration.checks import (
     LEAST_SCALED,
     SCALE,
@@ -37,18 +56,21 @@ from trocar.robot.calibration.linkage import (
     linkage,
     slots,
 )
-from trocar.robot.calibration.placement import (
+from trocar.robot.calibration.rcm import RcmReport, find_centre
+from trocar.robot.calibration.refine import LEAST_BODIES, Refined, Samples, refine
+from trocar.robot.calibration.robot import (
     Centre,
+    Robot,
     calibrated,
-    patches,
+    displaced,
+    first_guess,
+    level_of,
+    levelled,
+    mechanism_of,
     remote_centre_of,
     still_point,
 )
-from trocar.robot.calibration.rcm import RcmReport, find_centre
-from trocar.robot.calibration.refine import LEAST_BODIES, Refined, Samples, refine
-from trocar.robot.calibration.robot import Robot, first_guess, level_of, levelled, mechanism_of
 from trocar.robot.calibration.tracks import Tracks, select_bodies, thinned
-from trocar.robot.calibration.zero_pose import Datum, Home, Pair, betas, find_datum, find_home
 
 Array = NDArray[np.float64]
 
@@ -556,3 +578,66 @@ def _find_centre(
     except UndeterminedError:
         return None, ("no remote centre: nothing but the loops moves; sweep the base's joint too",)
     return found, tuple(text for text in found.warnings if text not in tracks.warnings)
+
+
+def patches(
+    arm: ArmDescription, refined: Refined, centre: Centre | None
+) -> tuple[dict[str, FramePatch], dict[str, ClosurePatch]]:
+    """Return what the calibrated linkage replaces in its description, with standard deviations.
+
+    Returns:
+        {frame: patch} and {closure: patch}
+    """
+    robot, linkage = refined.robot, refined.robot.linkage
+    axis = None if centre is None else centre.axis
+    frames = [hinge.name for hinge in linkage.tree]
+    frames += [centre.slide] if centre is not None else []
+    tilted = list(refined.tilted)
+    if axis is not None:  # the whole linkage may lean
+        ground = [hinge.name for hinge in linkage.tree if hinge.body_a == linkage.ground]
+        tilted += [name for name in ground if name not in tilted]
+
+    def places(robot: Robot, centre: Centre | None) -> Array:
+        """Return points of frames and of closures, and tilts, (3 n,) [m, rad]."""
+        mechanism = calibrated(arm, robot, centre)
+        parts = [mechanism.frame(name).before[:3, 3] for name in frames]
+        for closure in mechanism.closures:
+            parts += [closure.point_a, closure.point_b]
+        # A small turn of a frame about its own x and y shows in its z axis as the parent has it.
+        for name in tilted:
+            start = linkage.mechanism.frame(name).before[:3, :3]
+            z = start.T @ mechanism.frame(name).before[:3, 2]
+            parts.append(np.array([-z[1], z[0], 0.0]))
+        return np.concatenate(parts)
+
+    def of_geometry(step: Array) -> Array:
+        return places(displaced(robot, refined.basis, refined.tilted, step), centre)
+
+    slope = slopes(of_geometry, np.zeros(len(refined.covariance)))
+    variance = np.einsum("ij,jk,ik->i", slope, refined.covariance, slope)
+    if centre is not None and axis is not None:
+
+        def of_axis(step: Array) -> Array:
+            moved = replace(axis, point=axis.point + step[:3], direction=axis.direction + step[3:])
+            return places(robot, replace(centre, axis=moved))
+
+        slope = slopes(of_axis, np.zeros(6))
+        variance += np.einsum("ij,jk,ik->i", slope, axis.covariance, slope)
+    sigma = list(np.sqrt(np.maximum(variance, 0.0)).reshape(-1, 3))
+    mechanism = calibrated(arm, robot, centre)
+    of_tilts = dict(zip(tilted, sigma[len(frames) + 2 * len(mechanism.closures) :], strict=True))
+    patched = {
+        name: replace(
+            frame_patch(mechanism.frame(name)), xyz_sigma=sigma[i], rpy_sigma=of_tilts.get(name)
+        )
+        for i, name in enumerate(frames)
+    }
+    closures = {
+        closure.name: replace(
+            closure_patch(closure, slides=bool(refined.tilted)),
+            point_a_sigma=sigma[len(frames) + 2 * i],
+            point_b_sigma=sigma[len(frames) + 2 * i + 1],
+        )
+        for i, closure in enumerate(mechanism.closures)
+    }
+    return patched, closures

@@ -17,8 +17,7 @@ from trocar.descriptions.axis_lines import home_lines, line_angle
 from trocar.descriptions.calibration_plan import Pair
 from trocar.errors import FarFromNominalError
 from trocar.robot.calibration.linkage import LoopedPart
-from trocar.robot.calibration.rcm import RcmReport
-from trocar.robot.calibration.rcm_frame import centre_links, own_centre
+from trocar.robot.calibration.rcm import RcmReport, centre_links, own_centre
 
 Array = NDArray[np.float64]
 

@@ -45,13 +45,20 @@ from trocar.geometry import inverse, matrix_from_rotation_vector, rotation_z, tr
 from trocar.geometry.rotations import rotation_vector_from_matrix, rpy_from_matrix
 from trocar.kinematics.forward import poses
 from trocar.kinematics.mechanism import Mechanism
-from trocar.robot.calibration.axes import LEAST_SAMPLES, ROUNDED_M, WRONG_M, Value, slopes
+from trocar.robot.calibration.axes import (
+    LEAST_SAMPLES,
+    ROUNDED_M,
+    STILL_S,
+    WRONG_M,
+    Value,
+    slopes,
+    still_start,
+)
 from trocar.robot.calibration.calibrate import Calibration
 from trocar.robot.calibration.checks import FAR_M, FAR_RAD
 from trocar.robot.calibration.labels import labels_error, relabelled
 from trocar.robot.calibration.linkage import linkage
 from trocar.robot.calibration.tracks import Tracks, check_together, select_bodies, thinned
-from trocar.robot.calibration.zero_pose import STILL_S, still_start
 
 Array = NDArray[np.float64]
 

@@ -17,9 +17,19 @@ from trocar.plotting.drawing import MEASURED, PALETTE, SETPOINT, new_figure, svg
 from trocar.robot.calibration.calibrate import Calibration
 from trocar.robot.calibration.checks import distance_bound
 from trocar.robot.calibration.linkage import home_points, shift_rows
-from trocar.robot.calibration.rcm import CloudPoint, RcmReport, centre_samples, over_cells
-from trocar.robot.calibration.rcm_frame import Table7, centre_links, own_wander
-from trocar.robot.calibration.rcm_split import MOST, Split, split_centre
+from trocar.robot.calibration.rcm import (
+    MOST,
+    CloudPoint,
+    RcmReport,
+    Split,
+    Table7,
+    centre_links,
+    centre_samples,
+    over_cells,
+    own_wander,
+    split_centre,
+)
+from trocar.robot.calibration.robot import lengths_only
 
 Array = NDArray[np.float64]
 
@@ -158,7 +168,7 @@ def _centre(found: Calibration, seen: RcmReport, arm: ArmDescription) -> str:
         text += _wander(seen.wander, found, seen, arm)
     if seen.table7 is None or not seen.cloud:
         return text + '<p class="quiet">Yaw or pitch axis is unknown.</p>'
-    split = split_centre(found, seen, arm)
+    split = centre_parts(found, seen, arm)
     text += _frame(seen.table7, split) + _positions(seen.table7, split)
     text += _spreads(seen.table7, split)
     caption = (
@@ -167,6 +177,19 @@ def _centre(found: Calibration, seen: RcmReport, arm: ArmDescription) -> str:
     )
     dots, crosses = over_cells(split.q, split.cloud), over_cells(split.q, split.own.cloud)
     return text + pages.picture(draw_clouds(dots, crosses), caption)
+
+
+def centre_parts(found: Calibration, seen: RcmReport, arm: ArmDescription) -> Split:
+    """Split the remote centre of a calibration by cause.
+
+    Args:
+        found: the calibration
+        seen: its remote centre, with Table 7
+        arm: the description that was calibrated
+    """
+    on = seen.hinges.base_axis if found.closure == "general" else None
+    lengths = lengths_only(found.refined.robot, arm, on)
+    return split_centre(seen, arm, lengths, apply_overlay(arm, found.overlay).mechanism)
 
 
 def _wander(seen: WanderFit, found: Calibration, report: RcmReport, arm: ArmDescription) -> str:

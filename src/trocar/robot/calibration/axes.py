@@ -6,18 +6,20 @@ of the still start.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.axis_lines import Line, along_to_plane, line_angle, mean_direction
+from trocar.descriptions.axis_lines import Line, line_angle
+from trocar.descriptions.calibration_plan import Pair
 from trocar.errors import InputError, TracksError
 from trocar.fitting import (
     LEAST_SPAN,
     SMALL_SPAN,
+    STILL_S,
     Axis,
     HingeFit,
     SharedHinge,
@@ -25,10 +27,11 @@ from trocar.fitting import (
     fit_hinge,
     likely_cause,
     refine_hinges,
+    still_start,
 )
 from trocar.geometry import inverse, rotation_z, transform
 from trocar.robot.calibration.linkage import APART_M, HingeAxis, LoopedPart, plane_across
-from trocar.robot.calibration.tracks import Tracks, check_together
+from trocar.robot.calibration.tracks import Tracks
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -101,10 +104,16 @@ class Axes:
 
     def axis(self, name: str, body: str) -> Axis:
         """Return a hinge's axis as one of its bodies has it, directed as in the description."""
-        fit, hinge = self.fits[name], self.linkage.hinge(name)
+        fit, hinge = self.fits[name], self.linkage.hinge[name]
         axis, sign = fit.in_a if body == hinge.body_a else fit.in_b, self.signs[name]
         turned = axis.influence * np.repeat([1.0, sign], 3)
         return Axis(axis.point, sign * axis.direction, turned)
+
+    def of_first_hinge(self) -> dict[str, Axis]:
+        """Return the first hinge's axis in each of its bodies, {} where it is not measured."""
+        hinge = self.linkage.hinges[0]
+        bodies = (hinge.body_a, hinge.body_b) if hinge.name in self.fits else ()
+        return {body: self.axis(hinge.name, body) for body in bodies}
 
     def angles(self, name: str) -> Array:
         """Return a hinge's angles, positive as in the description, (n,) [rad]."""
@@ -177,7 +186,6 @@ def measure_axes(
 
 
 def _fit(tracks: Tracks, hinge: HingeAxis, slides: bool) -> HingeFit:
-    check_together(tracks, hinge.body_a, hinge.body_b, LEAST_SAMPLES)
     poses = inverse(tracks.poses[hinge.body_a]) @ tracks.poses[hinge.body_b]
     fit = fit_hinge(poses, slides=slides)
     # Means of neighbours, lest noise makes the sweep larger.
@@ -214,7 +222,7 @@ def joined_hinges(
     linkage: LoopedPart, fits: Mapping[str, HingeFit]
 ) -> tuple[list[str], list[SharedHinge]]:
     """Return the bodies that hinges join, and each hinge by the places of its two among them."""
-    hinges = [linkage.hinge(name) for name in fits]
+    hinges = [linkage.hinge[name] for name in fits]
     bodies = list(dict.fromkeys(body for h in hinges for body in (h.body_a, h.body_b)))
     return bodies, [
         SharedHinge(bodies.index(h.body_a), bodies.index(h.body_b), fits[h.name], h.closure)
@@ -224,12 +232,12 @@ def joined_hinges(
 
 def _check_hinges(tracks: Tracks, linkage: LoopedPart, fits: Mapping[str, HingeFit]) -> None:
     """Refuse motion that is no turn about an axis, and name the likely cause."""
-    bad = [n for n, fit in fits.items() if _wrong(fit, tracks, linkage.hinge(n))]
+    bad = [n for n, fit in fits.items() if _wrong(fit, tracks, linkage.hinge[n])]
     if not bad:
         return
     worst = max(bad, key=lambda name: fits[name].residual_position)
-    fit, hinge = fits[worst], linkage.hinge(worst)
-    others = sorted({b for n in bad for b in (linkage.hinge(n).body_a, linkage.hinge(n).body_b)})
+    fit, hinge = fits[worst], linkage.hinge[worst]
+    others = sorted({b for n in bad for b in (linkage.hinge[n].body_a, linkage.hinge[n].body_b)})
     cause = likely_cause(tracks.poses[hinge.body_a], tracks.poses[hinge.body_b])
     if cause is None:
         cause = f"wrong names, or a loose cluster on one of {', '.join(others)}"
@@ -265,12 +273,12 @@ def _signs(linkage: LoopedPart, fits: Mapping[str, HingeFit]) -> dict[str, float
         found[start] = 1.0
         waiting = [start]
         while waiting:
-            one = linkage.hinge(waiting.pop())
+            one = linkage.hinge[waiting.pop()]
             for body in (one.body_a, one.body_b):
-                for name in linkage.carried(body):
+                for name in linkage.carried[body]:
                     if name not in fits or name in found:
                         continue
-                    agree = _direction(fits[name], linkage.hinge(name), body) @ _direction(
+                    agree = _direction(fits[name], linkage.hinge[name], body) @ _direction(
                         fits[one.name], one, body
                     )
                     found[name] = found[one.name] * (1.0 if agree >= 0.0 else -1.0)
@@ -309,46 +317,22 @@ def distances(
         near = np.linalg.norm(axes.linkage.points[one] - axes.linkage.points[two]) < APART_M
         if one not in axes.fits or two not in axes.fits or body is None or near:
             continue
-        first, second = axes.axis(one, body), axes.axis(two, body)
-        if through is not None:
-            normal = mean_direction([axis_line(first), axis_line(second)])
-            first, second = (slid(axis, through[body], normal) for axis in (first, second))
-        distance = axis_distance(first, second)
+        at = None if through is None else through[body]
+        distance = axis_distance(axes.axis(one, body), axes.axis(two, body), at)
         found[label] = Value(distance.value, distance.sigma)
     return found
-
-
-def axis_line(axis: Axis) -> Line:
-    """Return a measured axis as a line."""
-    return Line(axis.point, axis.direction)
-
-
-def slid(axis: Axis, through: Array, normal: Array) -> Axis:
-    """Return an axis whose point is where it pierces a plane."""
-    s = along_to_plane(axis_line(axis), through, normal)
-    dg, dd = axis.influence[:, :3], axis.influence[:, 3:]
-    return Axis(axis.point + s * axis.direction, axis.direction, np.hstack([dg + s * dd, dd]))
 
 
 def shared_body(linkage: LoopedPart, one: str, two: str) -> str | None:
     """Return the body that carries both hinges, None when there is none."""
     return next(
-        (b for b in linkage.bodies if one in linkage.carried(b) and two in linkage.carried(b)), None
+        (b for b in linkage.bodies if one in linkage.carried[b] and two in linkage.carried[b]), None
     )
 
 
-#: A start that is still for less is none. Source: the statement of the method. [s]
-STILL_S = 0.5
-# Source: our own choice. The angles are averaged over this long, and what moves between two such
-# stretches by more than noise and this much is not still. [s], [rad]
-WINDOW_S, MOVED_RAD = 0.1, 2e-5
-# Source: our own choice: five standard deviations, which no still stretch reaches.
-BEYOND_NOISE = 5.0
 #: Samples within this of the description's own shape at home stand for it where the start is not
 #: still. Source: our own choice. [rad]
 LIKE_HOME_RAD = 0.02
-
-Pair = tuple[str, str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -366,45 +350,6 @@ class Home:
     still: bool
     poses: Mapping[str, Array]
     angles: Mapping[str, Value]
-
-
-def still_start(times: Array, angles: Mapping[str, Array]) -> Mask | None:
-    """Find the samples before anything moves.
-
-    Args:
-        times: (n,) [s]
-        angles: {hinge: (n,) [rad], NaN where unknown}
-
-    Returns:
-        (n,), or None where the tracks do not stand still for `STILL_S` at their start
-    """
-    end = np.inf
-    for angle in angles.values():
-        known = np.flatnonzero(np.isfinite(angle))
-        end = min(end, _moves_at(times[known], angle[known]))
-    if end - times[0] < STILL_S:
-        return None
-    return times <= end
-
-
-def _moves_at(times: Array, angle: Array) -> float:
-    """Return until when an angle keeps still, two stretches on the safe side."""
-    edges = np.arange(times[0], times[-1] + WINDOW_S, WINDOW_S)
-    which = np.searchsorted(edges, times, side="right") - 1
-    counts = np.bincount(which)
-    means = np.bincount(which, angle) / np.maximum(counts, 1)
-    noise = float(np.median(np.abs(np.diff(angle)))) * 1.4826 / np.sqrt(2.0)
-    full = np.flatnonzero(counts > 0)
-    if not len(full):
-        return float(times[0])
-    start, seen = means[full[0]], counts[full[0]]
-    for i in full[1:]:
-        allowed = BEYOND_NOISE * noise * np.sqrt(1.0 / seen + 1.0 / counts[i]) + MOVED_RAD
-        if abs(means[i] - start) > allowed:
-            return float(edges[max(i - 2, 0)])
-        start = (start * seen + means[i] * counts[i]) / (seen + counts[i])
-        seen += counts[i]
-    return float(times[-1])
 
 
 def find_home(tracks: Tracks, axes: Axes) -> tuple[Axes, Home]:
@@ -451,11 +396,11 @@ def _home(axes: Axes, samples: Mask, still: bool) -> Home:
 def _chained(axes: Axes, angles: Mapping[str, Value]) -> dict[str, Array]:
     """Return where the bodies stand at these angles, from hinge to hinge."""
     linkage = axes.linkage
-    first = next(b for b in linkage.bodies if any(n in angles for n in linkage.carried(b)))
+    first = next(b for b in linkage.bodies if any(n in angles for n in linkage.carried[b]))
     found = {first: np.eye(4)}
-    for body, way in linkage.ways(first, angles).items():
+    for body, way in _ways(linkage, first, angles).items():
         if way:
-            hinge = linkage.hinge(way[-1])
+            hinge = linkage.hinge[way[-1]]
             relative = _relative(axes, hinge.name, angles[hinge.name].value)
             found[body] = (
                 found[hinge.body_a] @ relative
@@ -465,23 +410,54 @@ def _chained(axes: Axes, angles: Mapping[str, Value]) -> dict[str, Array]:
     return found
 
 
+def _ways(linkage: LoopedPart, start: str, hinges: Collection[str]) -> dict[str, tuple[str, ...]]:
+    """Return the shortest way from a body to each that some hinges connect with it.
+
+    Args:
+        linkage: the loops
+        start: a body
+        hinges: names of the hinges to go by
+
+    Returns:
+        {body: hinges on the way}, the nearest first
+    """
+    found: dict[str, tuple[str, ...]] = {start: ()}
+    waiting = [start]
+    for body in waiting:
+        for name in linkage.carried[body]:
+            hinge = linkage.hinge[name]
+            other = hinge.body_b if body == hinge.body_a else hinge.body_a
+            if name in hinges and other not in found:
+                found[other] = (*found[body], name)
+                waiting.append(other)
+    return found
+
+
 def _relative(axes: Axes, name: str, angle: float) -> Array:
     """Return T_ab of a hinge at an angle, (4, 4)."""
     fit = axes.fits[name]
     return fit.before @ transform(rotation_z(axes.signs[name] * angle), np.zeros(3)) @ fit.after
 
 
-def in_plane(axes: Axes, home: Home) -> tuple[dict[tuple[str, str], Array], Array]:
-    """Project the axes at home on the plane across their mean direction.
+@dataclass(frozen=True, eq=False)
+class FlatAxes:
+    """The axes at home in the plane across their mean direction.
 
-    Returns:
-        {(hinge, body): (2,) [m]} as each body has it, about the first hinge; and T_first_plane
-        (4, 4), whose z axis is the mean direction
+    Attributes:
+        points: {(hinge, body): (2,) [m]} as each body has it, about the first hinge
+        plane: T_first_plane (4, 4), whose z axis is the mean direction
     """
+
+    points: Mapping[tuple[str, str], Array]
+    plane: Array
+
+
+def in_plane(axes: Axes, home: Home) -> FlatAxes:
+    """Project the axes at home on the plane across their mean direction."""
     points: dict[tuple[str, str], Array] = {}
     directions: list[Array] = []
     for name in axes.fits:
-        hinge = axes.linkage.hinge(name)
+        hinge = axes.linkage.hinge[name]
         for body in (hinge.body_a, hinge.body_b):
             if body in home.poses:
                 axis, pose = axes.axis(name, body), home.poses[body]
@@ -492,12 +468,12 @@ def in_plane(axes: Axes, home: Home) -> tuple[dict[tuple[str, str], Array], Arra
     turn = plane_across(along)
     origin = next(iter(points.values()))
     flat = {key: (turn.T @ (point - origin))[:2] for key, point in points.items()}
-    return flat, transform(turn, origin)
+    return FlatAxes(flat, transform(turn, origin))
 
 
 def _misfit(axes: Axes, home: Home) -> float:
     """Return how far the axes at home are from the description's, as nearly as they fit [m]."""
-    flat, _ = in_plane(axes, home)
+    flat = in_plane(axes, home).points
     got = np.stack(list(flat.values()))
     nominal = np.stack([axes.linkage.points[name] for name, _ in flat])
     angle, shift = planar_fit(got, nominal)
@@ -534,12 +510,12 @@ def _shape(axes: Axes, name: str) -> tuple[str, float, float] | None:
 
     The lines lead from the hinge to another one; None where a body has none that is measured.
     """
-    points, hinge = axes.linkage.points, axes.linkage.hinge(name)
+    points, hinge = axes.linkage.points, axes.linkage.hinge[name]
     measured: list[Array] = []
     nominal: list[Array] = []
     for body in (hinge.body_a, hinge.body_b):
         other = next(
-            (n for n in axes.linkage.carried(body)
+            (n for n in axes.linkage.carried[body]
              if np.linalg.norm(points[n] - points[name]) > APART_M), None,
         )  # fmt: skip
         if other not in axes.fits or other is None:
@@ -579,7 +555,7 @@ def find_datum(axes: Axes, home: Home, base: BaseAxis | None) -> Datum:
     """
     first = axes.linkage.first
     first = first if first in axes.fits else next(iter(axes.fits))
-    hinge = axes.linkage.hinge(first)
+    hinge = axes.linkage.hinge[first]
     body = next(b for b in (hinge.body_a, hinge.body_b) if b in home.poses)
     axis = axes.axis(first, body)
     point, shown = axis.point, base is not None and body == axes.linkage.ground
@@ -616,7 +592,7 @@ def betas(
         seen = one in home.poses and two in home.poses
         if one and two and seen and all(hinge in axes.fits for hinge in (*to, *start)):
             ends = [(hinge, one) for hinge in to] + [(hinge, two) for hinge in start]
-            way = axes.linkage.ways(one, home.angles).get(two, ())
+            way = _ways(axes.linkage, one, home.angles).get(two, ())
             found[name] = _beta(axes, home, ends, way, through)
     return found
 

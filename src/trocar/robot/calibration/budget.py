@@ -31,8 +31,8 @@ from trocar.robot.calibration.axes import (
     joined_hinges,
     measure_axes,
 )
-from trocar.robot.calibration.calibrate import chosen_bodies, planned_figures
 from trocar.robot.calibration.linkage import linkage
+from trocar.robot.calibration.measure import chosen_bodies, planned_figures
 from trocar.robot.calibration.robot import remote_centre_of
 from trocar.robot.calibration.tracks import Tracks
 
@@ -182,7 +182,7 @@ def _with_noise(axes: Axes, tracks: Tracks, noise: tuple[float, float]) -> Axes:
 
 
 def _relative(axes: Axes, tracks: Tracks, name: str) -> Array:
-    hinge = axes.linkage.hinge(name)
+    hinge = axes.linkage.hinge[name]
     return inverse(tracks.poses[hinge.body_a]) @ tracks.poses[hinge.body_b]
 
 

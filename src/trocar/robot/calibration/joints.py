@@ -29,10 +29,11 @@ from trocar.descriptions.serial_axes import (
     spacing,
     tilt,
 )
-from trocar.errors import FarFromNominalError, InputError, LabelsError, TracksError
+from trocar.errors import FarFromNominalError, InputError, TracksError
 from trocar.fitting import (
     LEAST_SPAN,
     SMALL_SPAN,
+    STILL_S,
     HingeFit,
     SharedHinge,
     SlideFit,
@@ -40,6 +41,7 @@ from trocar.fitting import (
     fit_slide,
     likely_cause,
     refine_hinges,
+    still_start,
 )
 from trocar.geometry import inverse, matrix_from_rotation_vector, rotation_z, transform
 from trocar.geometry.rotations import rotation_vector_from_matrix, rpy_from_matrix
@@ -48,15 +50,13 @@ from trocar.kinematics.mechanism import Mechanism
 from trocar.robot.calibration.axes import (
     LEAST_SAMPLES,
     ROUNDED_M,
-    STILL_S,
     WRONG_M,
     Value,
     slopes,
-    still_start,
 )
 from trocar.robot.calibration.calibrate import Calibration
 from trocar.robot.calibration.checks import FAR_M, FAR_RAD
-from trocar.robot.calibration.labels import labels_error, relabelled
+from trocar.robot.calibration.labels import Labels, labels_that_fit, relabelled
 from trocar.robot.calibration.linkage import linkage
 from trocar.robot.calibration.tracks import Tracks, check_together, select_bodies, thinned
 
@@ -173,7 +173,16 @@ def calibrate_joints(
         chain = _measure(picked, arm.name, joints, nominal, watch)
     except InputError as problem:
         watch("labels")
-        raise _mislabelled(problem, picked, arm.name, joints, nominal, names) or problem from None
+        some = thinned(picked)
+        tries = (
+            ({body: {one: two, two: one}.get(body, body) for body in picked.poses},)
+            for one, two in combinations(picked.poses, 2)
+        )
+
+        def fits(labels: Sequence[Labels]) -> object:
+            return _measure(relabelled(some, labels[0]), arm.name, joints, nominal, lambda _: None)
+
+        raise labels_that_fit(problem, [picked.file], tries, fits, names) or problem from None
     warnings = (*tracks.warnings, *chain.warnings())
     watch("placement")
     overlay = _overlay(arm, chain, loops)
@@ -467,26 +476,6 @@ def _check(file: str, chain: TrackedChain, nominal: Mapping[str, Mapping[str, fl
             off,
             "bodies that are labelled wrongly, or another arm",
         )
-
-
-def _mislabelled(
-    problem: InputError,
-    tracks: Tracks,
-    name: str,
-    joints: tuple[SerialJoint, ...],
-    nominal: Mapping[str, Mapping[str, float]],
-    names: Mapping[str, str],
-) -> LabelsError | None:
-    """Return which two labels are exchanged, None if tracks fit under no such exchange."""
-    some = thinned(tracks)
-    for one, two in combinations(tracks.poses, 2):
-        labels = {body: {one: two, two: one}.get(body, body) for body in tracks.poses}
-        try:
-            _measure(relabelled(some, labels, {}), name, joints, nominal, lambda _: None)
-        except InputError:
-            continue
-        return labels_error(problem, {tracks.file: labels}, names)
-    return None
 
 
 def _overlay(arm: ArmDescription, chain: TrackedChain, loops: Calibration | None) -> Overlay:

@@ -27,6 +27,7 @@ from trocar.descriptions.axis_lines import TOWARDS, axes_frame
 from trocar.errors import InputError
 from trocar.fitting import (
     LEAST_SPAN,
+    Axis,
     HingeFit,
     PivotFit,
     WanderFit,
@@ -37,6 +38,7 @@ from trocar.fitting import (
     likely_cause,
     not_gross,
     rest_pose,
+    still_start,
     white_noise,
 )
 from trocar.geometry import inverse, matrix_from_rotation_vector, rotation_z, transform
@@ -44,14 +46,11 @@ from trocar.kinematics.forward import poses
 from trocar.kinematics.mechanism import Mechanism
 from trocar.robot.calibration.axes import (
     LEAST_SAMPLES,
-    Axes,
     BaseAxis,
     Value,
     slopes,
-    still_start,
 )
 from trocar.robot.calibration.linkage import bodies_of, unskew
-from trocar.robot.calibration.robot import Centre
 from trocar.robot.calibration.tracks import Tracks, check_together, select_bodies
 
 Array = NDArray[np.float64]
@@ -86,6 +85,23 @@ class CentreLinks:
     def frame(self, body: str) -> str:
         """Return the frame that a body is named after."""
         return body.removeprefix(f"{self.arm.name}_")
+
+    def base_in(self, tracks: Tracks) -> str:
+        """Return the base where it is tracked, else the body itself."""
+        return self.base if self.base in tracks.poses else self.body
+
+    def selected(self, tracks: Tracks, names: Mapping[str, str]) -> Tracks:
+        """Select these bodies; all but the one that turns about the centre may be missing.
+
+        Args:
+            tracks: as read from a file
+            names: {body: its name in the file}, for those that are called otherwise
+
+        Raises:
+            TracksError: a body is missing, or tracked in no sample
+        """
+        optional = [name for name in self.all if name != self.body and name not in names]
+        return select_bodies(tracks, {name: names.get(name, name) for name in self.all}, optional)
 
 
 @dataclass(frozen=True, eq=False)
@@ -545,14 +561,36 @@ def find_rcm(
         UndeterminedError: all turns share one axis
     """
     names, links = bodies or {}, centre_links(arm)
-    chosen, warnings = _chosen(tracks, links, names)
-    base, body = chosen.poses[links.base], chosen.poses[links.body]
-    check_together(chosen, links.base, links.body, LEAST_SAMPLES)
-    fit = _fit_pivot(chosen.times, base, body)
+    for name in names:
+        if name not in links.all:
+            raise InputError(f"bodies: got {name!r}; known: {', '.join(links.all)}")
+    chosen = links.selected(tracks, names)
+    check_together(chosen, links.base_in(chosen), links.body, LEAST_SAMPLES)
+    return fit_rcm(chosen, links)
+
+
+def fit_rcm(tracks: Tracks, links: CentreLinks) -> RcmReport:
+    """Find the remote centre in tracks of the bodies that count.
+
+    Args:
+        tracks: under the description's names; without a base, the cameras' frame is taken for it
+        links: which bodies they are
+
+    Raises:
+        UndeterminedError: all turns share one axis
+    """
+    warnings: list[str] = []
+    based = links.base in tracks.poses
+    if not based:
+        warnings.append(f"{links.base} is not tracked: assuming a base fixed in the camera frame")
+        rest = np.broadcast_to(np.eye(4), (len(tracks.times), 4, 4))
+        tracks = replace(tracks, poses={**tracks.poses, links.base: rest})
+    base, body = tracks.poses[links.base], tracks.poses[links.body]
+    fit = _fit_pivot(tracks.times, base, body)
     noise_rms = _noise_rms(base, body, fit)
-    hinges, wander = about_hinges(chosen, links), None
+    hinges, wander = about_hinges(tracks, links), None
     moves = fit.rms > max(_WANDERS * noise_rms, _ROUNDING)
-    pitch = _swept_pitch(chosen.times, hinges) if moves or fit.widened > 1.0 else None
+    pitch = _swept_pitch(tracks.times, hinges) if moves or fit.widened > 1.0 else None
     if pitch is not None and fit.rms > _ROUNDING:
         places = np.linspace(np.nanmin(pitch), np.nanmax(pitch), _PLACES)
         curve = fit_wander(base, body, _turned(hinges), pitch, fit, places)
@@ -568,20 +606,21 @@ def find_rcm(
             f"the remote centre is not fixed: it moves by {1e3 * fit.rms:.3g} mm (RMS), noise"
             f" alone would cause {1e3 * noise_rms:.3g} mm; {which}"
         )
-        warnings += _slips(chosen, links)
+        warnings += _slips(tracks, links)
     if fit.widened > 1.0 and noise_rms > _ROUNDING:
         warnings.append(
             "the residuals of the remote centre are correlated in time: noise is not white, and"
             f" standard deviations are widened {fit.widened:.1f} times"
         )
-    found = None if hinges.yaw is None else table7(chosen, links, hinges, fit)
+    cloud = over_cells(*centre_samples(hinges, fit))
+    found = None if hinges.yaw is None else table7(tracks, links, hinges, fit)
     return RcmReport(
-        arm=arm.name,
+        arm=links.arm.name,
         body=links.body,
-        base=links.base if links.base in tracks.poses or links.base in names else "camera",
+        base=links.base if based else "camera",
         fit=fit,
         noise_rms=noise_rms,
-        cloud=over_cells(*centre_samples(hinges, fit)),
+        cloud=cloud,
         table7=found,
         distance=None if found is None else found.distance,
         warnings=(*tracks.warnings, *warnings, *hinges.warnings),
@@ -641,23 +680,6 @@ def over_cells(q: Array, points: Array) -> tuple[CloudPoint, ...]:
     )
 
 
-def _chosen(
-    tracks: Tracks, links: CentreLinks, bodies: Mapping[str, str]
-) -> tuple[Tracks, list[str]]:
-    """Return the tracks of the bodies that count, and warnings."""
-    known = links.all
-    for name in bodies:
-        if name not in known:
-            raise InputError(f"bodies: got {name!r}; known: {', '.join(known)}")
-    optional = [name for name in known if name != links.body and name not in bodies]
-    chosen = select_bodies(tracks, {name: bodies.get(name, name) for name in known}, optional)
-    if links.base in chosen.poses:
-        return chosen, []
-    rest = np.broadcast_to(np.eye(4), (len(tracks.times), 4, 4))
-    words = f"{links.base} is not tracked: assuming a base fixed in the camera frame"
-    return replace(chosen, poses={**chosen.poses, links.base: rest}), [words]
-
-
 def _fit_pivot(times: Array, base: Array, body: Array) -> PivotFit:
     """Fit the pivot to the sweep, without a still start.
 
@@ -693,50 +715,45 @@ def _slips(tracks: Tracks, links: CentreLinks) -> list[str]:
     return []
 
 
-def find_centre(
-    tracks: Tracks, arm: ArmDescription, axes: Axes, centre: Centre, names: Mapping[str, str]
-) -> RcmReport:
+def find_centre(tracks: Tracks, links: CentreLinks, first: Mapping[str, Axis]) -> RcmReport:
     """Find the remote centre (the paper's equations 3 and 4), and how far it is from the loops.
 
     Args:
-        tracks: a sweep that turns the base's joint and the loops'
-        arm: whose
-        axes: from the sweep of the loops
-        centre: which body turns about it, and before which
-        names: {body: its name in the tracks} of those that are called otherwise
+        tracks: a sweep that turns the base's joint and the loops', under the description's names
+        links: which bodies they are
+        first: the first axis of the loops in the markers of each of its bodies, from their sweep
 
     Returns:
         the centre, its distance from the first axis as the sweep of the loops has that; where it
         is not tracked along with the centre, as the pivot's own sweep has it
 
     Raises:
-        TracksError: the two bodies are never seen together
         UndeterminedError: all turns share one axis
     """
-    known = centre_links(arm).all
-    report = find_rcm(tracks, arm, {b: name for b, name in names.items() if b in known})
-    called = {body: names.get(body, body) for body in axes.linkage.bodies}
-    poses = {b: tracks.poses[name] for b, name in called.items() if name in tracks.poses}
-    distance = _from_axis(poses, axes, centre, report.fit)
+    report = fit_rcm(tracks, links)
+    body = next((b for b in first if b in tracks.poses), None)
+    if body is None:
+        return report
+    poses = inverse(tracks.poses[body]) @ tracks.poses[links.body]
+    distance = _from_axis(poses, first[body], report.fit)
     return report if distance is None else replace(report, distance=distance)
 
 
-def _from_axis(
-    seen_poses: Mapping[str, Array], axes: Axes, centre: Centre, fit: PivotFit
-) -> Value | None:
-    """Measure how far the centre is from the first axis, in a body that carries both."""
-    hinge = axes.linkage.hinges[0]
-    body = next((b for b in (hinge.body_a, hinge.body_b) if b in seen_poses), None)
-    if hinge.name not in axes.fits or body is None:
-        return None
-    poses = (inverse(seen_poses[body]) @ seen_poses[centre.body])[fit.used]
+def _from_axis(poses: Array, axis: Axis, fit: PivotFit) -> Value | None:
+    """Measure how far the centre is from an axis.
+
+    Args:
+        poses: of the body that turns about the centre, in the axis' body, (n, 4, 4)
+        axis: in the markers of its body
+        fit: the centre
+    """
+    poses = poses[fit.used]
     points = poses[:, :3, :3] @ fit.tip + poses[:, :3, 3]
     seen = np.isfinite(points[:, 0])
     if not seen.any():
         return None
     away = np.linalg.norm(points - np.median(points[seen], axis=0), axis=1)
     kept = not_gross(away)
-    axis = axes.axis(hinge.name, body)
     between = points[kept] - axis.point
     along = between @ axis.direction
     across = between - along[:, None] * axis.direction

@@ -141,8 +141,8 @@ def _sides(found: Calibration) -> str:
 def _axes(found: Calibration) -> str:
     rows = [
         [
-            found.axes.linkage.hinge(name).label,
-            f"{found.axes.linkage.hinge(name).body_a} - {found.axes.linkage.hinge(name).body_b}",
+            found.axes.linkage.hinge[name].label,
+            f"{found.axes.linkage.hinge[name].body_a} - {found.axes.linkage.hinge[name].body_b}",
             f"{fit.span:.3f}",
             f"{fit.condition:.0f}",
             f"{MM * fit.residual_position:.4f}",
@@ -305,7 +305,7 @@ def draw_set_up(found: Calibration) -> str:
     points = home_points(linkage, robot.moved)
     shifts = shift_rows(linkage)
     for colour, body in zip(PALETTE * 3, linkage.bodies, strict=False):
-        drawn = MM * np.stack([linkage.points[name] for name in linkage.carried(body)])
+        drawn = MM * np.stack([linkage.points[name] for name in linkage.carried[body]])
         axis.plot(*_ring(drawn).T, color=DRAWN, linewidth=1.0, linestyle="--", zorder=1)
         here = [points[s] for s in points if s.body == body]
         axis.plot(*_ring(MM * np.stack(here)).T, color=colour, linewidth=4, alpha=0.55, zorder=2)

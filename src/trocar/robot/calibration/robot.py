@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from trocar.descriptions import ArmDescription
+from trocar.descriptions.axis_lines import home_lines, line_distance
+from trocar.descriptions.calibration_plan import Pair
 from trocar.descriptions.frames import pin_frame, pinned
 from trocar.geometry import inverse, skew, transform
 from trocar.kinematics.forward import poses
@@ -24,12 +26,11 @@ from trocar.kinematics.loops import closed_coordinates, loops_are_parallelograms
 from trocar.kinematics.mechanism import Frame, Mechanism
 from trocar.kinematics.tree import frame_poses
 from trocar.robot.calibration.axes import (
-    Axes,
     BaseAxis,
-    Home,
-    in_plane,
+    FlatAxes,
     planar_fit,
     planar_turn,
+    shared_body,
 )
 from trocar.robot.calibration.linkage import (
     LoopedPart,
@@ -94,20 +95,32 @@ def displaced(robot: Robot, basis: Array, tilted: Sequence[str], step: Array) ->
     return replace(robot, moved=robot.moved + (basis @ step[:free]).reshape(-1, 2), tilts=tilts)
 
 
-def first_guess(axes: Axes, home: Home, parallelogram: bool, datum: Array) -> Robot:
+def first_guess(
+    linkage: LoopedPart,
+    axes: FlatAxes,
+    home: Mapping[str, Array],
+    datum: Array,
+    parallelogram: bool,
+) -> Robot:
     """Fit a closed linkage to the axes at home.
 
     What the tracks do not show stays as the description has it. Along the axes, the linkage stands
-    so that the datum, (3,) as `home` has it [m], is level with the origin of the first axis' frame.
+    so that the datum is level with the origin of the first axis' frame.
+
+    Args:
+        linkage: the description's
+        axes: at home
+        home: {body: T_first_body (4, 4)} of each body's markers
+        datum: in the frame of `home`, (3,) [m]
+        parallelogram: whether the loops close by the couplings alone
     """
-    linkage = axes.linkage
-    flat, first_plane = in_plane(axes, home)
+    flat, first_plane = axes.points, axes.plane.copy()
     up = first_plane[:3, 2]
     first_plane[:3, 3] += (up @ (datum - first_plane[:3, 3])) * up
     keys = list(flat)
     places = place_rows(linkage)
     # Of a frame's hinge both bodies have the same place.
-    hinges = [linkage.hinge(name) for name, _ in keys]
+    hinges = [linkage.hinge[name] for name, _ in keys]
     at = [
         Slot(h.name, b if h.closure else h.body_a) for h, (_, b) in zip(hinges, keys, strict=True)
     ]
@@ -139,7 +152,7 @@ def first_guess(axes: Axes, home: Home, parallelogram: bool, datum: Array) -> Ro
     ground_first = onto @ inverse(first_plane)
     shifts = shift_rows(linkage)
     markers: dict[str, Array] = {}
-    for body, pose in home.poses.items():
+    for body, pose in home.items():
         frame = linkage.frames[linkage.bodies[body]].copy()
         frame[:3, 3] += linkage.plane[:, :2] @ (shifts[body] @ moved)
         markers[body] = inverse(frame) @ ground_first @ pose
@@ -185,7 +198,8 @@ def marker_poses(robot: Robot, mechanism: Mechanism, q: Array) -> Array:
     Returns:
         (n, n_bodies, 4, 4), in the order of `robot.markers`
     """
-    at = body_poses(robot.linkage, mechanism, _coordinates(robot, mechanism, q))
+    coordinates = _coordinates(robot, mechanism, q)
+    at = body_poses(robot.linkage, mechanism, coordinates)
     return np.stack([at[body] @ X for body, X in robot.markers.items()], axis=1)
 
 
@@ -241,6 +255,35 @@ def pose_residuals(measured: Array, expected: Array) -> Array:
     factor = np.where(size > 1e-12, angle / np.maximum(size, 1e-300), 1.0)
     away = (measured - expected)[..., :3, 3]
     return np.concatenate([away, sine * factor[..., None]], axis=-1)
+
+
+def closed_distances(robot: Robot, pairs: Mapping[str, Pair]) -> dict[str, float]:
+    """Return the distances of axes in the closed geometry, {label: [m]}."""
+    found = _flat_distances(robot, pairs)
+    if not robot.tilts:
+        return found
+    lines = home_lines(mechanism_of(robot), {h.name: h.name for h in robot.linkage.hinges})
+    through = lines[robot.linkage.first].point
+    at = {label: [lines[name] for name in pairs[label]] for label in found}
+    return {label: line_distance(one, two, through) for label, (one, two) in at.items()}
+
+
+def _flat_distances(robot: Robot, pairs: Mapping[str, Pair]) -> dict[str, float]:
+    """Return the same where all axes are parallel."""
+    points = home_points(robot.linkage, robot.moved)
+    found: dict[str, float] = {}
+    for label, (one, two) in pairs.items():
+        body = shared_body(robot.linkage, one, two)
+        if body is not None:
+            between = points[Slot(one, body)] - points[Slot(two, body)]
+            found[label] = float(np.linalg.norm(between))
+    return found
+
+
+def nominal_distances(linkage: LoopedPart, pairs: Mapping[str, Pair]) -> dict[str, float]:
+    """Return the axis distances in the description, {label: [m]}."""
+    drawn = Robot(linkage, np.zeros((len(slots(linkage)), 2)), {}, {})
+    return _flat_distances(drawn, pairs)
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,7 +28,7 @@ from trocar.robot.calibration.linkage import ClosureKind, linkage
 from trocar.robot.calibration.measure import (
     Measured,
     MeasurementPlan,
-    Recording,
+    SelectedTracks,
     exchanged_labels,
     measure,
     plan_of,
@@ -193,7 +193,7 @@ def calibrate(
 
 
 def _calibration(
-    plan: MeasurementPlan, recording: Recording, seen: Measured, refined: Refined
+    plan: MeasurementPlan, recording: SelectedTracks, seen: Measured, refined: Refined
 ) -> Calibration:
     """Return the calibration of a refined robot, with its overlay."""
     arm, centre, tracks, sweep = plan.arm, plan.centre, recording.tracks, recording.sweep

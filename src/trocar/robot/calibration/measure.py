@@ -71,7 +71,7 @@ class MeasurementPlan:
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
+class SelectedTracks:
     """Tracks of the bodies that count, under the description's names.
 
     Attributes:
@@ -88,7 +88,7 @@ class Recording:
     few_of_sweep: Tracks | None
     warnings: tuple[str, ...] = ()
 
-    def relabelled(self, labels: Sequence[Labels]) -> Recording:
+    def relabelled(self, labels: Sequence[Labels]) -> SelectedTracks:
         """Return some of the samples with their bodies' names put right.
 
         Args:
@@ -96,7 +96,7 @@ class Recording:
         """
         few = relabelled(self.few, labels[0])
         swept = None if self.few_of_sweep is None else relabelled(self.few_of_sweep, labels[1])
-        return Recording(few, few, swept, swept, self.warnings)
+        return SelectedTracks(few, few, swept, swept, self.warnings)
 
     @property
     def files(self) -> list[str]:
@@ -168,7 +168,7 @@ def planned_figures(arm: ArmDescription) -> tuple[dict[str, Pair], dict[str, tup
     return pairs, lines
 
 
-def record(plan: MeasurementPlan, tracks: Tracks, sweep: Tracks | None) -> Recording:
+def record(plan: MeasurementPlan, tracks: Tracks, sweep: Tracks | None) -> SelectedTracks:
     """Select the bodies that count from files of tracks.
 
     Args:
@@ -193,7 +193,7 @@ def record(plan: MeasurementPlan, tracks: Tracks, sweep: Tracks | None) -> Recor
     if plan.links is not None and swept is not None:
         check_together(swept, plan.links.base_in(swept), plan.links.body, LEAST_SAMPLES)
     few = None if swept is None else thinned(swept)
-    return Recording(chosen, thinned(chosen), swept, few, missing)
+    return SelectedTracks(chosen, thinned(chosen), swept, few, missing)
 
 
 def chosen_bodies(
@@ -245,7 +245,9 @@ def _sweep_bodies(plan: MeasurementPlan, sweep: Tracks) -> Tracks:
     return replace(chosen, poses={**others, **chosen.poses})
 
 
-def measure(plan: MeasurementPlan, recording: Recording, watch: Callable[[str], None]) -> Measured:
+def measure(
+    plan: MeasurementPlan, recording: SelectedTracks, watch: Callable[[str], None]
+) -> Measured:
     """Measure axes, angles and remote centre, and compare them with the description.
 
     Args:
@@ -285,7 +287,7 @@ def measure(plan: MeasurementPlan, recording: Recording, watch: Callable[[str], 
 
 
 def _centre(
-    plan: MeasurementPlan, recording: Recording, first: Mapping[str, Axis]
+    plan: MeasurementPlan, recording: SelectedTracks, first: Mapping[str, Axis]
 ) -> tuple[RcmReport | None, tuple[str, ...]]:
     """Find the remote centre where there is a sweep that shows it, with its warnings."""
     tracks, links = recording.tracks, plan.links
@@ -303,7 +305,7 @@ def _centre(
     return found, tuple(text for text in found.warnings if text not in tracks.warnings)
 
 
-def exchanged_labels(plan: MeasurementPlan, recording: Recording) -> list[tuple[Labels, ...]]:
+def exchanged_labels(plan: MeasurementPlan, recording: SelectedTracks) -> list[tuple[Labels, ...]]:
     """Return the exchanges of labels under which tracks may be the arm's, the least first.
 
     Args:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +28,7 @@ from trocar.fitting import (
     refine_hinges,
     still_start,
 )
+from trocar.fitting.adjust import slopes
 from trocar.geometry import inverse, rotation_z, transform
 from trocar.robot.calibration.linkage import APART_M, HingeAxis, LoopedPart, plane_across
 from trocar.robot.calibration.tracks import Tracks
@@ -49,15 +49,6 @@ WRONG_RAD = 0.05
 NEIGHBOURS = 5
 #: Noise below this is the rounding of a file with six decimals. [m]
 ROUNDED_M = 2e-6
-
-# Source: our own choice; geometry is smooth on this scale, so it leaves 1e-9 of slopes. [m, rad]
-STEP = 1e-6
-
-
-def slopes(of: Callable[[Array], Any], x: Array) -> Array:
-    """Return the derivative of a function of x, (m, n) or (n,), by central differences."""
-    steps = STEP * np.eye(len(x))
-    return np.stack([(of(x + s) - of(x - s)) / (2.0 * STEP) for s in steps], axis=-1)
 
 
 @dataclass(frozen=True)

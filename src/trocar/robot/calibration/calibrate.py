@@ -19,9 +19,10 @@ from trocar.descriptions.overlay import (
     frame_patch,
 )
 from trocar.errors import InputError
+from trocar.fitting.adjust import slopes
 from trocar.kinematics.loops import loops_are_parallelograms
 from trocar.kinematics.mechanism import Mechanism
-from trocar.robot.calibration.axes import Axes, Datum, Home, Value, slopes
+from trocar.robot.calibration.axes import Axes, Datum, Home, Value
 from trocar.robot.calibration.checks import LEAST_SCALED, SCALE, scale_of
 from trocar.robot.calibration.labels import Labels, labels_that_fit
 from trocar.robot.calibration.linkage import ClosureKind, linkage

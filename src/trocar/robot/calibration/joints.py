@@ -43,6 +43,7 @@ from trocar.fitting import (
     refine_hinges,
     still_start,
 )
+from trocar.fitting.adjust import slopes
 from trocar.geometry import inverse, matrix_from_rotation_vector, rotation_z, transform
 from trocar.geometry.rotations import rotation_vector_from_matrix, rpy_from_matrix
 from trocar.kinematics.forward import poses
@@ -52,7 +53,6 @@ from trocar.robot.calibration.axes import (
     ROUNDED_M,
     WRONG_M,
     Value,
-    slopes,
 )
 from trocar.robot.calibration.calibrate import Calibration
 from trocar.robot.calibration.checks import FAR_M, FAR_RAD

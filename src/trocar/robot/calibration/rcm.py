@@ -41,6 +41,7 @@ from trocar.fitting import (
     still_start,
     white_noise,
 )
+from trocar.fitting.adjust import slopes
 from trocar.geometry import inverse, matrix_from_rotation_vector, rotation_z, transform
 from trocar.kinematics.forward import poses
 from trocar.kinematics.mechanism import Mechanism
@@ -48,7 +49,6 @@ from trocar.robot.calibration.axes import (
     LEAST_SAMPLES,
     BaseAxis,
     Value,
-    slopes,
 )
 from trocar.robot.calibration.linkage import bodies_of, unskew
 from trocar.robot.calibration.tracks import Tracks, check_together, select_bodies

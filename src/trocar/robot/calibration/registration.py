@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from trocar.errors import InputError
+from trocar.fitting.adjust import slopes
 from trocar.geometry import (
     inverse,
     matrix_from_rotation_vector,
@@ -31,7 +32,7 @@ from trocar.geometry import (
 )
 from trocar.geometry.rotations import rpy_from_matrix
 from trocar.kinematics.forward import pose
-from trocar.robot.calibration.axes import Value, slopes
+from trocar.robot.calibration.axes import Value
 from trocar.robot.calibration.robot import pose_residuals
 from trocar.robot.calibration.touches import TouchReadings
 

@@ -200,7 +200,7 @@ def adjust(
 def minimised(problem: Adjustable, values: Values) -> Values:
     """Return the values of least cost from these on."""
     left, J = problem.linear(values)
-    damping, cost = DAMPING, float(left @ left)
+    damping, cost, last = DAMPING, float(left @ left), False
     for _ in range(STEPS):
         square, slope = J.T @ J, J.T @ left
         scale = _scale(square)
@@ -216,7 +216,10 @@ def minimised(problem: Adjustable, values: Values) -> Values:
                 break
             damping *= CHANGE
         if before - cost <= GAIN * before:
-            break
+            if last:
+                break
+            # Damping holds back what little determines: go on without.
+            last, damping = True, LEAST_DAMPING
     return values
 
 

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from trocar import __version__
 from trocar.descriptions import ArmDescription
@@ -43,7 +42,7 @@ from trocar.fitting import (
     refine_hinges,
     still_start,
 )
-from trocar.fitting.adjust import slopes
+from trocar.fitting.adjust import Adjustable, Block, Values, adjust, slopes
 from trocar.geometry import inverse, matrix_from_rotation_vector, rotation_z, transform
 from trocar.geometry.rotations import rotation_vector_from_matrix, rpy_from_matrix
 from trocar.kinematics.forward import poses
@@ -596,16 +595,15 @@ def _onto(axis: Array, line: Line, slides: bool) -> Array:
 
 
 def _laid(lines: Sequence[Line], joints: Sequence[SerialJoint]) -> Array:
-    """Return what lays measured axes on those as drawn, least squares, (4, 4)."""
-    found: list[tuple[float, Array]] = []
-    for T in _starts(lines, joints):
+    """Return the pose that lays measured axes on those as drawn, least squares, (4, 4)."""
 
-        def left(x: Array, T: Array = T) -> Array:
-            return _misfit(lines, joints, _moved(T, x))
+    def blocks(values: Values) -> dict[str, Block]:
+        return {"axes": Block(_misfit(lines, joints, values["onto"]))}
 
-        solved = least_squares(left, np.zeros(6), xtol=1e-14, ftol=1e-14, gtol=1e-14)
-        found.append((float(solved.cost), _moved(T, solved.x)))
-    return min(found, key=lambda one: one[0])[1]
+    problem = Adjustable(blocks, {"axes": 1.0})
+    found = [adjust(problem, {"onto": T}) for T in _starts(lines, joints)]
+    best = min(found, key=lambda one: float(one.residuals["axes"] @ one.residuals["axes"]))
+    return best.values["onto"]
 
 
 def _moved(T: Array, x: Array) -> Array:

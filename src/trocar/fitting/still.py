@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-#: A start that is still for less is none. Source: the statement of the method. [s]
+#: Least duration of a still start. Source: the statement of the method. [s]
 STILL_S = 0.5
 # Source: our own choice. The angles are averaged over this long, and what moves between two such
 # stretches by more than noise and this much is not still. [s], [rad]
@@ -39,7 +39,7 @@ def still_start(times: Array, angles: Mapping[str, Array]) -> Mask | None:
 
 
 def _moves_at(times: Array, angle: Array) -> float:
-    """Return until when an angle keeps still, two stretches on the safe side."""
+    """Return the time until which an angle keeps still, two stretches on the safe side."""
     edges = np.arange(times[0], times[-1] + WINDOW_S, WINDOW_S)
     which = np.searchsorted(edges, times, side="right") - 1
     counts = np.bincount(which)

@@ -385,7 +385,7 @@ def _home(axes: Axes, samples: Mask, still: bool) -> Home:
 
 
 def _chained(axes: Axes, angles: Mapping[str, Value]) -> dict[str, Array]:
-    """Return where the bodies stand at these angles, from hinge to hinge."""
+    """Return the poses of the bodies at these angles, from hinge to hinge."""
     linkage = axes.linkage
     first = next(b for b in linkage.bodies if any(n in angles for n in linkage.carried[b]))
     found = {first: np.eye(4)}
@@ -463,7 +463,7 @@ def in_plane(axes: Axes, home: Home) -> FlatAxes:
 
 
 def _misfit(axes: Axes, home: Home) -> float:
-    """Return how far the axes at home are from the description's, as nearly as they fit [m]."""
+    """Return the RMS distance of the axes at home from the description's, laid on them [m]."""
     flat = in_plane(axes, home).points
     got = np.stack(list(flat.values()))
     nominal = np.stack([axes.linkage.points[name] for name, _ in flat])

@@ -63,7 +63,7 @@ def nominal_betas(
 
 
 def distance_bound(nominal: Iterable[float]) -> float:
-    """Return how far an axis distance may be from the description [m].
+    """Return the largest allowed difference of an axis distance from the description [m].
 
     Args:
         nominal: distances of the description [m]

@@ -108,7 +108,7 @@ class Placed:
         }
 
     def patch(self) -> FramePatch:
-        """Return what an overlay has of it."""
+        """Return the patch of an overlay."""
         return FramePatch(self.pose[:3, 3], rpy_from_matrix(self.pose[:3, :3]), *self.sigma)
 
 

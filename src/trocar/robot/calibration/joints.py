@@ -394,7 +394,7 @@ def _at_home(fit: HingeFit | SlideFit, still: NDArray[np.bool_]) -> tuple[Array,
 
 
 def _sense(fit: HingeFit | SlideFit, still: NDArray[np.bool_]) -> float:
-    """Return whether a joint moved along (1) or against (-1) its fit's direction at first."""
+    """Return the sense of a joint's first motion along its fit's direction, 1 or -1."""
     at = fit.positions if isinstance(fit, SlideFit) else fit.angles
     away = at - np.nanmean(at[still])
     far = np.flatnonzero(np.abs(away) > BEGUN * fit.span)
@@ -543,7 +543,7 @@ def _placed(
     held: set[str],
     anchor: tuple[int, Array] | None,
 ) -> dict[str, Array]:
-    """Return where frames stand in their parents, {frame: before (4, 4)} of those that may move.
+    """Return the poses of frames in their parents, {frame: before (4, 4)} of those that may move.
 
     Args:
         mechanism: with its loops calibrated
@@ -612,7 +612,7 @@ def _moved(T: Array, x: Array) -> Array:
 
 
 def _misfit(lines: Sequence[Line], joints: Sequence[SerialJoint], T: Array) -> Array:
-    """Return how far measured axes are from those as drawn [m]."""
+    """Return the distances of measured axes from those as drawn [m]."""
     parts: list[Array] = []
     for line, joint in zip(lines, joints, strict=True):
         got = line.moved(T)

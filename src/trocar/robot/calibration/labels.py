@@ -228,7 +228,7 @@ def labels_that_fit(
 
 
 def exchange_text(labels: Labels, names: Labels) -> str:
-    """Return which labels are exchanged, in words, "" where each is right."""
+    """Return the exchanged labels, in words, "" where each is right."""
     cycles: list[list[str]] = []
     for body in labels:
         if labels[body] != body and not any(body in cycle for cycle in cycles):

@@ -209,7 +209,7 @@ def plane_across(along: Array) -> Array:
 def _turns(
     core: Mechanism, hinges: tuple[HingeAxis, ...], signs: Mapping[str, float]
 ) -> dict[str, Array]:
-    """Return how each body turns in the plane by the couplings alone, from the ground up."""
+    """Return the turn of each body in the plane by the couplings alone, from the ground up."""
     found = {hinges[0].body_a: np.zeros(len(core.joints))}
     for hinge in hinges:
         if not hinge.closure:
@@ -238,7 +238,7 @@ def slots(linkage: LoopedPart) -> tuple[Slot, ...]:
 
 
 def shift_rows(linkage: LoopedPart) -> dict[str, Array]:
-    """Return how displacements move each body at home, {body: (n_slots,)} of zeros and ones."""
+    """Return the slots that displace each body at home, {body: (n_slots,)} of zeros and ones."""
     unit = np.eye(len(slots(linkage)))
     rows = {linkage.ground: 0.0 * unit[0]}
     for hinge, row in zip(linkage.tree, unit, strict=False):
@@ -247,13 +247,13 @@ def shift_rows(linkage: LoopedPart) -> dict[str, Array]:
 
 
 def place_rows(linkage: LoopedPart) -> dict[Slot, Array]:
-    """Return how displacements move each place at home, {place: (n_slots,)}."""
+    """Return the slots that displace each place at home, {place: (n_slots,)}."""
     rows, places = shift_rows(linkage), slots(linkage)
     return {slot: rows[slot.body] + u for slot, u in zip(places, np.eye(len(places)), strict=True)}
 
 
 def home_points(linkage: LoopedPart, moved: Array) -> dict[Slot, Array]:
-    """Return where each body has its hinges at home.
+    """Return the places of the hinges of each body at home.
 
     Args:
         linkage: the loops

@@ -133,7 +133,7 @@ class HingesAbout:
 
 
 def centre_links(arm: ArmDescription) -> CentreLinks:
-    """Return which bodies tell of an arm's remote centre.
+    """Return the bodies that show an arm's remote centre.
 
     Raises:
         InputError: the arm has none
@@ -389,7 +389,7 @@ def own_centre(mechanism: Mechanism, links: CentreLinks, q: Array) -> OwnCentre:
 
 
 def own_wander(mechanism: Mechanism, links: CentreLinks, q: Array, pitch: Array) -> Array:
-    """Return by how much a mechanism misses its own remote centre at yaw 0, (n, 3) [m].
+    """Return the displacement of a mechanism's own remote centre at yaw 0, (n, 3) [m].
 
     Args:
         mechanism: whose
@@ -644,7 +644,7 @@ def _swept_pitch(times: Array, hinges: HingesAbout) -> Array | None:
 
 
 def _turned(hinges: HingesAbout) -> Array:
-    """Return how yaw has turned what it carries, in the base body from yaw 0, (n, 4, 4)."""
+    """Return the turns by yaw in the base body, from yaw 0, (n, 4, 4)."""
     if hinges.yaw is None:
         raise InputError("the yaw axis is unknown")
     axis, sense = hinges.yaw.in_a, hinges.senses[0]
@@ -696,7 +696,7 @@ def _fit_pivot(times: Array, base: Array, body: Array) -> PivotFit:
 
 
 def _noise_rms(base: Array, body: Array, fit: PivotFit) -> float:
-    """Return what noise from sample to sample makes of the distance R tip + p - post [m]."""
+    """Return the RMS of the distance R tip + p - post by noise from sample to sample [m]."""
     position, rotation = white_noise(body)
     square = 3.0 * position**2 + 2.0 * rotation**2 * float(fit.tip @ fit.tip)
     if rest_pose(base) is None:

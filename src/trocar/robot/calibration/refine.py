@@ -189,7 +189,7 @@ def register(robot: Robot, samples: Samples, camera: Array, q: Array) -> Registe
 
 
 def nuisance_slopes(expected: Array, rates: Array) -> Array:
-    """Return how residuals follow a small move of the ground and the joints, (.., nb, 6, 6 + m).
+    """Return the derivative of residuals by ground and joints, (.., nb, 6, 6 + m).
 
     The residual that they explain is slope @ (shift, turn, joints).
     """
@@ -291,7 +291,7 @@ class Problem:
         return slice(at, at + 6)
 
     def expected(self, step: Array) -> Array:
-        """Return where the markers are at a step, (g, n_bodies, 4, 4)."""
+        """Return the markers' poses at a step, (g, n_bodies, 4, 4)."""
         return self.in_bins(step)[self.groups.bins]
 
     def in_bins(self, step: Array) -> Array:
@@ -319,7 +319,7 @@ class Eliminated:
 
 
 def eliminate(problem: Problem) -> Eliminated:
-    """Return what takes camera pose and joint positions out of a problem."""
+    """Return the projections that take camera pose and joint positions out of a problem."""
     robot, groups = problem.robot, problem.groups
     expected = marker_poses(robot, mechanism_of(robot), groups.q)
     rates = marker_rates(robot, mechanism_of(robot), groups.q, expected)
@@ -372,7 +372,7 @@ def slopes(problem: Problem, taken: Eliminated, step: Array) -> Array:
 
 
 def height_row(problem: Problem) -> Array:
-    """Return how the height of the datum follows the unknowns, (1, unknowns)."""
+    """Return the derivative of the datum's height by the unknowns, (1, unknowns)."""
     row = np.zeros((1, problem.free + 6 * len(problem.robot.markers)))
     row[0, problem.datum_columns] = height_slope(problem.robot, problem.level)
     return row
@@ -501,7 +501,7 @@ def _lower(
 
 
 def _left(robot: Robot, samples: Samples, found: RegisteredSamples, level: Level) -> float:
-    """Return what is left of all samples, chi-squared, and of the datum's height."""
+    """Return chi-squared of all samples and of the datum's height."""
     share = found.residuals * samples.weights * samples.seen[..., None]
     return float(np.sum(share**2)) + (height(robot, level) / HEIGHT_M) ** 2
 

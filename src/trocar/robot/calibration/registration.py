@@ -195,7 +195,7 @@ class _ReadingsModel:
         )
 
     def tip(self, values: Values) -> Array:
-        """Return where the touching tip or the board is in the arm's tip frame, (4, 4)."""
+        """Return the pose of the touching tip or the board in the arm's tip frame, (4, 4)."""
         if "board" in values:
             return values["board"]
         point = self.readings.tip if self.readings.tip is not None else values["tip"]

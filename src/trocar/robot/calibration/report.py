@@ -39,7 +39,7 @@ PLACES = 61
 
 
 def check_report(folder: str | Path, overwrite: bool = False) -> Path:
-    """Return where a report goes, before anything is computed for it.
+    """Return the path of a report, before anything is computed for it.
 
     Raises:
         InputError: the folder is a file, or holds a report that may not be replaced

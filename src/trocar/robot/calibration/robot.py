@@ -231,7 +231,7 @@ def _coordinates(robot: Robot, mechanism: Mechanism, q: Array) -> Array:
 
 
 def marker_rates(robot: Robot, mechanism: Mechanism, q: Array, at: Array) -> Array:
-    """Return how the markers move with the joints, (n, n_bodies, 6, n_moving).
+    """Return the markers' velocities by the joints, (n, n_bodies, 6, n_moving).
 
     The rows are the velocity of the markers' origin and the angular velocity, in the ground's axes.
     """
@@ -246,7 +246,7 @@ def marker_rates(robot: Robot, mechanism: Mechanism, q: Array, at: Array) -> Arr
 
 
 def pose_residuals(measured: Array, expected: Array) -> Array:
-    """Return what turns expected poses into measured ones, (..., 6) [m, rad] in outer axes."""
+    """Return measured less expected poses, (..., 6) [m, rad] in outer axes."""
     turn = measured[..., :3, :3] @ np.swapaxes(expected[..., :3, :3], -1, -2)
     sine = unskew(turn)
     size = np.linalg.norm(sine, axis=-1)
@@ -312,7 +312,7 @@ def level_of(robot: Robot, points: Mapping[str, Array]) -> Level:
 
 
 def height(robot: Robot, level: Level) -> float:
-    """Return how far along the axes the datum is from the linkage's plane [m]."""
+    """Return the datum's height over the linkage's plane, along the axes [m]."""
     linkage, marker = robot.linkage, robot.markers[level.body]
     frame = linkage.frames[linkage.bodies[level.body]]
     at = frame[:3, :3] @ (marker[:3, :3] @ level.point + marker[:3, 3]) + frame[:3, 3]
@@ -320,7 +320,7 @@ def height(robot: Robot, level: Level) -> float:
 
 
 def height_slope(robot: Robot, level: Level) -> Array:
-    """Return how the height follows a shift and a turn of the body's markers, (6,)."""
+    """Return the derivative of the height by a shift and a turn of the body's markers, (6,)."""
     linkage, turn = robot.linkage, robot.markers[level.body][:3, :3]
     up = linkage.plane[:, 2] @ linkage.frames[linkage.bodies[level.body]][:3, :3] @ turn
     return np.concatenate([up, -up @ skew(level.point)])

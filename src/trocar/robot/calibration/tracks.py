@@ -49,11 +49,11 @@ class Tracks:
     warnings: tuple[str, ...] = ()
 
     def tracked(self, body: str) -> NDArray[np.bool_]:
-        """Tell at which samples a body is tracked, (n,)."""
+        """Return the samples at which a body is tracked, (n,)."""
         return ~np.isnan(self.poses[body][:, 0, 0])
 
     def together(self, *bodies: str) -> NDArray[np.bool_]:
-        """Tell at which samples all of some bodies are tracked, (n,)."""
+        """Return the samples at which all of some bodies are tracked, (n,)."""
         return np.logical_and.reduce([self.tracked(body) for body in bodies])
 
     def coverage(self, body: str) -> str:

@@ -155,5 +155,5 @@ def held(
     """Track needles in jaws with `seeds` seeds from `first` on."""
     from benchmarks import needle_tracking
 
-    chosen = [style for style in needle_tracking.STYLES if style in styles]
+    chosen = list(filter(lambda style: style in styles, needle_tracking.STYLES))
     return needle_tracking.held(range(first, first + seeds), chosen, presets, watch)

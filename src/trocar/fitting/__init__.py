@@ -26,12 +26,14 @@ from trocar.fitting.pivot import (
 )
 from trocar.fitting.robust import GROSS_M, not_gross
 from trocar.fitting.slide import SlideFit, fit_slide
+from trocar.fitting.still import STILL_S, still_start
 
 __all__ = [
     "GROSS_M",
     "LEAST_SPAN",
     "LEAST_TURN",
     "SMALL_SPAN",
+    "STILL_S",
     "Axis",
     "AxisDistance",
     "HingeFit",
@@ -54,5 +56,6 @@ __all__ = [
     "refine_hinges",
     "rest_pose",
     "rough_hinge",
+    "still_start",
     "white_noise",
 ]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -611,29 +610,26 @@ class AxisDistance:
     influence: Array
 
 
-def axis_distance(first: Axis, second: Axis, across: Sequence[Axis] = ()) -> AxisDistance:
+def axis_distance(first: Axis, second: Axis, through: Array | None = None) -> AxisDistance:
     """Measure the distance of two axes in the plane across their mean direction.
 
-    Both are cut by the plane that lies midway between their points. The directions may differ in
-    sign.
+    The directions may differ in sign.
 
     Args:
         first, second: in one frame, estimated from the same n samples
-        across: every axis whose direction counts for the mean, in the same frame and from the same
-            samples; the two themselves when empty
+        through: a point of the plane, (3,) [m]; None: midway between the axes' points
 
     Returns:
         the distance with its standard deviation
     """
-    axes = tuple(across) or (first, second)
-    signs = [1.0 if a.direction @ first.direction >= 0 else -1.0 for a in axes]
-    total = np.sum([s * a.direction for s, a in zip(signs, axes, strict=True)], axis=0)
+    sign = 1.0 if first.direction @ second.direction >= 0 else -1.0
+    total = first.direction + sign * second.direction
     length = float(np.linalg.norm(total))
     h = total / length
-    turns = np.sum([s * a.influence[:, 3:] for s, a in zip(signs, axes, strict=True)], axis=0)
+    turns = first.influence[:, 3:] + sign * second.influence[:, 3:]
     dh = (turns - np.outer(turns @ h, h)) / length
 
-    middle = 0.5 * (first.point + second.point)
+    middle = 0.5 * (first.point + second.point) if through is None else through
     (p1, dp1), (p2, dp2) = (_cut(axis, middle, h, dh) for axis in (first, second))
     value = float(np.linalg.norm(p2 - p1))
     influence = (dp2 - dp1) @ ((p2 - p1) / max(value, np.finfo(float).tiny))

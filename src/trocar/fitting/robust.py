@@ -141,12 +141,12 @@ def weighted_point(R: Array, p: Array, weights: Array, free: int = 2) -> tuple[A
 
 
 def near(residual: Array) -> Mask:
-    """Return which samples are not gross outliers, (n,)."""
+    """Mask the samples that are not gross outliers, (n,)."""
     return residual < _FAR * max(float(np.median(residual)), _ROUNDING)
 
 
 def not_gross(missed: Array) -> Mask:
-    """Return which samples miss a point by no more than noise and a wander of the point make.
+    """Mask the samples that miss a point by no more than noise and its wander.
 
     A point that wanders is missed systematically, near the ends of a sweep by many times the
     median; such samples belong to it, and only what is far beyond the bulk of all does not.

@@ -11,11 +11,10 @@ from trocar.descriptions import load_arm
 from trocar.errors import InputError
 from trocar.fitting import fit_pivot_in_body
 from trocar.robot.calibration import Tracks
-from trocar.robot.calibration.axes import distances, measure_axes
+from trocar.robot.calibration.axes import betas, distances, find_datum, find_home, measure_axes
 from trocar.robot.calibration.budget import Budget, error_budget, expected_sigma, pose_noise
-from trocar.robot.calibration.calibrate import planned_figures
 from trocar.robot.calibration.linkage import linkage
-from trocar.robot.calibration.zero_pose import betas, find_datum, find_home
+from trocar.robot.calibration.measure import planned_figures
 from trocar.robot.mocap import MarkerNoise, MocapSettings, SimulatedTracks, simulate_tracks
 from trocar.robot.mocap.simulate import Parts, spoil
 

@@ -9,10 +9,9 @@ import pytest
 
 from trocar.descriptions import ArmDescription, load_arm
 from trocar.robot.calibration import Calibration, Tracks, calibrate
-from trocar.robot.calibration.placement import calibrated
-from trocar.robot.calibration.rcm import find_rcm
-from trocar.robot.calibration.rcm_frame import Table7, centre_links, own_centre
-from trocar.robot.calibration.rcm_split import Split, lengths_only, split_centre
+from trocar.robot.calibration.rcm import Split, Table7, centre_links, find_rcm, own_centre
+from trocar.robot.calibration.report import centre_parts
+from trocar.robot.calibration.robot import calibrated, lengths_only
 from trocar.robot.mocap import MarkerNoise, MocapSettings, perturbed, simulate_tracks, worn
 from trocar.robot.mocap.simulate import spoil
 
@@ -30,7 +29,7 @@ def split(real: ArmDescription, noise: MarkerNoise | None = None) -> tuple[Split
     assert found.centre is not None
     report = found.centre
     assert report.table7 is not None
-    return split_centre(found, report, load_arm(real.name)), report.table7
+    return centre_parts(found, report, load_arm(real.name)), report.table7
 
 
 def rms(cloud: np.ndarray) -> float:
@@ -81,7 +80,7 @@ def test_leaning_axes_alone_leave_nothing_to_the_lengths(name: str) -> None:
     q = np.stack(np.meshgrid([-0.5, 0.0, 0.5], [-0.4, 0.1, 0.6]), axis=-1).reshape(-1, 2)
     links = centre_links(arm)
     drawn = own_centre(arm.mechanism, links, q)
-    straight = own_centre(lengths_only(found, arm, None), links, q)
+    straight = own_centre(lengths_only(found.refined.robot, arm, None), links, q)
     np.testing.assert_allclose(straight.position, drawn.position, atol=1e-9)
     assert rms(straight.cloud) < 1e-9
     # while the lean itself is there

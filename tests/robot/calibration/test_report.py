@@ -13,8 +13,7 @@ pytest.importorskip("matplotlib", reason="drawings need matplotlib (extra: plot)
 from trocar.descriptions import load_arm
 from trocar.descriptions.overlay import apply_overlay
 from trocar.robot.calibration import calibrate, read_tracks
-from trocar.robot.calibration.rcm import centre_samples
-from trocar.robot.calibration.rcm_frame import centre_links, own_centre
+from trocar.robot.calibration.rcm import centre_links, centre_samples, own_centre
 from trocar.robot.calibration.report import write_report
 from trocar.robot.mocap import MarkerNoise, MocapSettings, simulate_tracks, worn, write_tracks
 

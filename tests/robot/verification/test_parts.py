@@ -17,7 +17,7 @@ from trocar.descriptions.paper import TABLE6, TABLE7, TABLE7_ERROR_M, load_print
 from trocar.formats.links import rig_links
 from trocar.geometry.rotations import matrix_from_rotation_vector, rpy_from_matrix
 from trocar.kinematics import flattenings, forward
-from trocar.robot.calibration.rcm_frame import centre_links, own_centre
+from trocar.robot.calibration.rcm import centre_links, own_centre
 from trocar.robot.verification.figures import Figure, ReportPart
 from trocar.robot.verification.formats import formats
 from trocar.robot.verification.linkage import axes, closure, fold

@@ -9,8 +9,7 @@ import pytest
 
 from trocar.descriptions import load_arm
 from trocar.errors import InputError, TracksError, UndeterminedError
-from trocar.robot.calibration.rcm import find_rcm
-from trocar.robot.calibration.rcm_frame import about_hinges, centre_links
+from trocar.robot.calibration.rcm import about_hinges, centre_links, find_rcm
 from trocar.robot.calibration.tracks import Tracks
 from trocar.robot.mocap import MarkerNoise, MocapSettings, perturbed, simulate_tracks
 

@@ -1,4 +1,4 @@
-"""The axes of a linkage as the tracks show them, each hinge by itself.
+"""The axes of a linkage as tracks show them, and home: the joint positions 0 of the still start.
 
 Distances are taken inside one link that carries both axes, so they need no home; angles are those
 of the still start.
@@ -6,18 +6,19 @@ of the still start.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.axis_lines import Line, along_to_plane, mean_direction
-from trocar.errors import InputError
+from trocar.descriptions.axis_lines import Line, line_angle
+from trocar.descriptions.calibration_plan import Pair
+from trocar.errors import InputError, TracksError
 from trocar.fitting import (
     LEAST_SPAN,
     SMALL_SPAN,
+    STILL_S,
     Axis,
     HingeFit,
     SharedHinge,
@@ -25,10 +26,12 @@ from trocar.fitting import (
     fit_hinge,
     likely_cause,
     refine_hinges,
+    still_start,
 )
-from trocar.geometry import inverse
-from trocar.robot.calibration.linkage import APART_M, HingeAxis, LoopedPart
-from trocar.robot.calibration.tracks import Tracks, check_together
+from trocar.fitting.adjust import slopes
+from trocar.geometry import inverse, rotation_z, transform
+from trocar.robot.calibration.linkage import APART_M, HingeAxis, LoopedPart, plane_across
+from trocar.robot.calibration.tracks import Tracks
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -46,15 +49,6 @@ WRONG_RAD = 0.05
 NEIGHBOURS = 5
 #: Noise below this is the rounding of a file with six decimals. [m]
 ROUNDED_M = 2e-6
-
-# Source: our own choice; geometry is smooth on this scale, so it leaves 1e-9 of slopes. [m, rad]
-STEP = 1e-6
-
-
-def slopes(of: Callable[[Array], Any], x: Array) -> Array:
-    """Return the derivative of a function of x, (m, n) or (n,), by central differences."""
-    steps = STEP * np.eye(len(x))
-    return np.stack([(of(x + s) - of(x - s)) / (2.0 * STEP) for s in steps], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -101,10 +95,16 @@ class Axes:
 
     def axis(self, name: str, body: str) -> Axis:
         """Return a hinge's axis as one of its bodies has it, directed as in the description."""
-        fit, hinge = self.fits[name], self.linkage.hinge(name)
+        fit, hinge = self.fits[name], self.linkage.hinge[name]
         axis, sign = fit.in_a if body == hinge.body_a else fit.in_b, self.signs[name]
         turned = axis.influence * np.repeat([1.0, sign], 3)
         return Axis(axis.point, sign * axis.direction, turned)
+
+    def of_first_hinge(self) -> dict[str, Axis]:
+        """Return the first hinge's axis in each of its bodies, {} where it is not measured."""
+        hinge = self.linkage.hinges[0]
+        bodies = (hinge.body_a, hinge.body_b) if hinge.name in self.fits else ()
+        return {body: self.axis(hinge.name, body) for body in bodies}
 
     def angles(self, name: str) -> Array:
         """Return a hinge's angles, positive as in the description, (n,) [rad]."""
@@ -177,7 +177,6 @@ def measure_axes(
 
 
 def _fit(tracks: Tracks, hinge: HingeAxis, slides: bool) -> HingeFit:
-    check_together(tracks, hinge.body_a, hinge.body_b, LEAST_SAMPLES)
     poses = inverse(tracks.poses[hinge.body_a]) @ tracks.poses[hinge.body_b]
     fit = fit_hinge(poses, slides=slides)
     # Means of neighbours, lest noise makes the sweep larger.
@@ -214,7 +213,7 @@ def joined_hinges(
     linkage: LoopedPart, fits: Mapping[str, HingeFit]
 ) -> tuple[list[str], list[SharedHinge]]:
     """Return the bodies that hinges join, and each hinge by the places of its two among them."""
-    hinges = [linkage.hinge(name) for name in fits]
+    hinges = [linkage.hinge[name] for name in fits]
     bodies = list(dict.fromkeys(body for h in hinges for body in (h.body_a, h.body_b)))
     return bodies, [
         SharedHinge(bodies.index(h.body_a), bodies.index(h.body_b), fits[h.name], h.closure)
@@ -224,12 +223,12 @@ def joined_hinges(
 
 def _check_hinges(tracks: Tracks, linkage: LoopedPart, fits: Mapping[str, HingeFit]) -> None:
     """Refuse motion that is no turn about an axis, and name the likely cause."""
-    bad = [n for n, fit in fits.items() if _wrong(fit, tracks, linkage.hinge(n))]
+    bad = [n for n, fit in fits.items() if _wrong(fit, tracks, linkage.hinge[n])]
     if not bad:
         return
     worst = max(bad, key=lambda name: fits[name].residual_position)
-    fit, hinge = fits[worst], linkage.hinge(worst)
-    others = sorted({b for n in bad for b in (linkage.hinge(n).body_a, linkage.hinge(n).body_b)})
+    fit, hinge = fits[worst], linkage.hinge[worst]
+    others = sorted({b for n in bad for b in (linkage.hinge[n].body_a, linkage.hinge[n].body_b)})
     cause = likely_cause(tracks.poses[hinge.body_a], tracks.poses[hinge.body_b])
     if cause is None:
         cause = f"wrong names, or a loose cluster on one of {', '.join(others)}"
@@ -265,12 +264,12 @@ def _signs(linkage: LoopedPart, fits: Mapping[str, HingeFit]) -> dict[str, float
         found[start] = 1.0
         waiting = [start]
         while waiting:
-            one = linkage.hinge(waiting.pop())
+            one = linkage.hinge[waiting.pop()]
             for body in (one.body_a, one.body_b):
-                for name in linkage.carried(body):
+                for name in linkage.carried[body]:
                     if name not in fits or name in found:
                         continue
-                    agree = _direction(fits[name], linkage.hinge(name), body) @ _direction(
+                    agree = _direction(fits[name], linkage.hinge[name], body) @ _direction(
                         fits[one.name], one, body
                     )
                     found[name] = found[one.name] * (1.0 if agree >= 0.0 else -1.0)
@@ -309,29 +308,311 @@ def distances(
         near = np.linalg.norm(axes.linkage.points[one] - axes.linkage.points[two]) < APART_M
         if one not in axes.fits or two not in axes.fits or body is None or near:
             continue
-        first, second = axes.axis(one, body), axes.axis(two, body)
-        if through is not None:
-            normal = mean_direction([axis_line(first), axis_line(second)])
-            first, second = (slid(axis, through[body], normal) for axis in (first, second))
-        distance = axis_distance(first, second)
+        at = None if through is None else through[body]
+        distance = axis_distance(axes.axis(one, body), axes.axis(two, body), at)
         found[label] = Value(distance.value, distance.sigma)
     return found
-
-
-def axis_line(axis: Axis) -> Line:
-    """Return a measured axis as a line."""
-    return Line(axis.point, axis.direction)
-
-
-def slid(axis: Axis, through: Array, normal: Array) -> Axis:
-    """Return an axis whose point is where it pierces a plane."""
-    s = along_to_plane(axis_line(axis), through, normal)
-    dg, dd = axis.influence[:, :3], axis.influence[:, 3:]
-    return Axis(axis.point + s * axis.direction, axis.direction, np.hstack([dg + s * dd, dd]))
 
 
 def shared_body(linkage: LoopedPart, one: str, two: str) -> str | None:
     """Return the body that carries both hinges, None when there is none."""
     return next(
-        (b for b in linkage.bodies if one in linkage.carried(b) and two in linkage.carried(b)), None
+        (b for b in linkage.bodies if one in linkage.carried[b] and two in linkage.carried[b]), None
     )
+
+
+#: Samples within this of the description's own shape at home stand for it where the start is not
+#: still. Source: our own choice. [rad]
+LIKE_HOME_RAD = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Home:
+    """The linkage at joint positions 0.
+
+    Attributes:
+        samples: which samples are taken for home, (n,)
+        still: whether they are a still start; else they look like the description's home
+        poses: {body: T_first_body (4, 4)} of each body's markers in the first tracked body's
+        angles: {hinge: its angle there [rad]}
+    """
+
+    samples: Mask
+    still: bool
+    poses: Mapping[str, Array]
+    angles: Mapping[str, Value]
+
+
+def find_home(tracks: Tracks, axes: Axes) -> tuple[Axes, Home]:
+    """Find home, and which way the axes point.
+
+    Returns:
+        the axes, directed as in the description, and home
+
+    Raises:
+        TracksError: the arm rests at the end and not at the start, as in reversed time
+    """
+    angles = {name: axes.angles(name) for name in axes.fits}
+    samples = still_start(tracks.times, angles)
+    if samples is None:
+        end = still_start(-tracks.times[::-1], {k: angle[::-1] for k, angle in angles.items()})
+        if end is not None:
+            rest = float(np.ptp(tracks.times[::-1][end]))
+            raise TracksError(
+                tracks.file,
+                f"the arm rests for {rest:.2f} s at the end and not at the start: is the time"
+                f" reversed? allowed: a rest of {STILL_S:g} s at joint positions 0 at the start",
+            )
+    if samples is not None:
+        home = _home(axes, samples, True)
+        flipped = turned_over(axes)
+        right = _misfit(axes, home) <= _misfit(flipped, home)
+        return (axes, home) if right else (flipped, _home(flipped, samples, True))
+    found = [_like_description(one) for one in (axes, turned_over(axes))]
+    return min(found, key=lambda pair: _misfit(*pair))
+
+
+def _home(axes: Axes, samples: Mask, still: bool) -> Home:
+    angles: dict[str, Value] = {}
+    for name in axes.fits:
+        here = axes.angles(name)[samples]
+        here = here[np.isfinite(here)]
+        if len(here):
+            angles[name] = Value(
+                float(here.mean()), axes.widened * float(here.std() / np.sqrt(len(here)))
+            )
+    return Home(samples, still, _chained(axes, angles), angles)
+
+
+def _chained(axes: Axes, angles: Mapping[str, Value]) -> dict[str, Array]:
+    """Return the poses of the bodies at these angles, from hinge to hinge."""
+    linkage = axes.linkage
+    first = next(b for b in linkage.bodies if any(n in angles for n in linkage.carried[b]))
+    found = {first: np.eye(4)}
+    for body, way in _ways(linkage, first, angles).items():
+        if way:
+            hinge = linkage.hinge[way[-1]]
+            relative = _relative(axes, hinge.name, angles[hinge.name].value)
+            found[body] = (
+                found[hinge.body_a] @ relative
+                if body == hinge.body_b
+                else found[hinge.body_b] @ inverse(relative)
+            )
+    return found
+
+
+def _ways(linkage: LoopedPart, start: str, hinges: Collection[str]) -> dict[str, tuple[str, ...]]:
+    """Return the shortest way from a body to each that some hinges connect with it.
+
+    Args:
+        linkage: the loops
+        start: a body
+        hinges: names of the hinges to go by
+
+    Returns:
+        {body: hinges on the way}, the nearest first
+    """
+    found: dict[str, tuple[str, ...]] = {start: ()}
+    waiting = [start]
+    for body in waiting:
+        for name in linkage.carried[body]:
+            hinge = linkage.hinge[name]
+            other = hinge.body_b if body == hinge.body_a else hinge.body_a
+            if name in hinges and other not in found:
+                found[other] = (*found[body], name)
+                waiting.append(other)
+    return found
+
+
+def _relative(axes: Axes, name: str, angle: float) -> Array:
+    """Return T_ab of a hinge at an angle, (4, 4)."""
+    fit = axes.fits[name]
+    return fit.before @ transform(rotation_z(axes.signs[name] * angle), np.zeros(3)) @ fit.after
+
+
+@dataclass(frozen=True, eq=False)
+class FlatAxes:
+    """The axes at home in the plane across their mean direction.
+
+    Attributes:
+        points: {(hinge, body): (2,) [m]} as each body has it, about the first hinge
+        plane: T_first_plane (4, 4), whose z axis is the mean direction
+    """
+
+    points: Mapping[tuple[str, str], Array]
+    plane: Array
+
+
+def in_plane(axes: Axes, home: Home) -> FlatAxes:
+    """Project the axes at home on the plane across their mean direction."""
+    points: dict[tuple[str, str], Array] = {}
+    directions: list[Array] = []
+    for name in axes.fits:
+        hinge = axes.linkage.hinge[name]
+        for body in (hinge.body_a, hinge.body_b):
+            if body in home.poses:
+                axis, pose = axes.axis(name, body), home.poses[body]
+                points[name, body] = pose[:3, :3] @ axis.point + pose[:3, 3]
+                directions.append(pose[:3, :3] @ axis.direction)
+    along = np.mean(directions, axis=0)
+    along /= np.linalg.norm(along)
+    turn = plane_across(along)
+    origin = next(iter(points.values()))
+    flat = {key: (turn.T @ (point - origin))[:2] for key, point in points.items()}
+    return FlatAxes(flat, transform(turn, origin))
+
+
+def _misfit(axes: Axes, home: Home) -> float:
+    """Return the RMS distance of the axes at home from the description's, laid on them [m]."""
+    flat = in_plane(axes, home).points
+    got = np.stack(list(flat.values()))
+    nominal = np.stack([axes.linkage.points[name] for name, _ in flat])
+    angle, shift = planar_fit(got, nominal)
+    return float(np.sqrt(np.mean((got @ planar_turn(angle).T + shift - nominal) ** 2)))
+
+
+def planar_fit(points: Array, onto: Array) -> tuple[float, Array]:
+    """Return the turn [rad] and shift (2,) that bring points nearest to others, (n, 2) each."""
+    a, b = points - points.mean(axis=0), onto - onto.mean(axis=0)
+    cross = np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    angle = float(np.arctan2(cross, np.sum(a * b)))
+    return angle, onto.mean(axis=0) - planar_turn(angle) @ points.mean(axis=0)
+
+
+def planar_turn(angle: float) -> Array:
+    """Return a rotation in the plane, (2, 2)."""
+    cosine, sine = np.cos(angle), np.sin(angle)
+    return np.array([[cosine, -sine], [sine, cosine]])
+
+
+def _like_description(axes: Axes) -> tuple[Axes, Home]:
+    """Take the samples for home at which the linkage looks most as the description has it."""
+    # Of one hinge, compare the angle between a line of either body, to another hinge that it has.
+    shapes = (_shape(axes, name) for name in axes.fits)
+    name, measured, nominal = next(shape for shape in shapes if shape is not None)
+    # Turning a hinge by its angle turns the line behind it by as much.
+    away = np.abs(np.angle(np.exp(1j * (measured + axes.angles(name) - nominal))))
+    allowed = max(LIKE_HOME_RAD, float(np.nanmin(away)) * 1.05)
+    return axes, _home(axes, np.where(np.isfinite(away), away, np.inf) <= allowed, False)
+
+
+def _shape(axes: Axes, name: str) -> tuple[str, float, float] | None:
+    """Return a hinge and the angle between lines of its two bodies at angle 0 and as described.
+
+    The lines lead from the hinge to another one; None where a body has none that is measured.
+    """
+    points, hinge = axes.linkage.points, axes.linkage.hinge[name]
+    measured: list[Array] = []
+    nominal: list[Array] = []
+    for body in (hinge.body_a, hinge.body_b):
+        other = next(
+            (n for n in axes.linkage.carried[body]
+             if np.linalg.norm(points[n] - points[name]) > APART_M), None,
+        )  # fmt: skip
+        if other not in axes.fits or other is None:
+            return None
+        measured.append(axes.axis(other, body).point - axes.axis(name, body).point)
+        nominal.append(points[other] - points[name])
+    about = axes.axis(name, hinge.body_a).direction
+    a, b = measured[0], _relative(axes, name, 0.0)[:3, :3] @ measured[1]
+    a, b = a - (a @ about) * about, b - (b @ about) * about
+    c, d = nominal
+    drawn = float(np.arctan2(c[0] * d[1] - c[1] * d[0], c @ d))
+    return name, float(np.arctan2(np.cross(a, b) @ about, a @ b)), drawn
+
+
+@dataclass(frozen=True, eq=False)
+class Datum:
+    """A point of the plane across the axes in which they are compared.
+
+    Attributes:
+        at_home: in the frame of `Home.poses`, (3,) [m]
+        points: {body: in its markers (3,) [m]}, at home
+        shown: whether the tracks show it, by the ground's own axis
+    """
+
+    at_home: Array
+    points: Mapping[str, Array]
+    shown: bool
+
+
+def find_datum(axes: Axes, home: Home, base: BaseAxis | None) -> Datum:
+    """Find the datum in the tracks.
+
+    Args:
+        axes: as measured
+        home: where the bodies stand at joint positions 0
+        base: the ground's own axis, where the tracks show it
+    """
+    first = axes.linkage.first
+    first = first if first in axes.fits else next(iter(axes.fits))
+    hinge = axes.linkage.hinge[first]
+    body = next(b for b in (hinge.body_a, hinge.body_b) if b in home.poses)
+    axis = axes.axis(first, body)
+    point, shown = axis.point, base is not None and body == axes.linkage.ground
+    if base is not None and shown:  # the point of the first axis nearest to the ground's own
+        cosine = float(axis.direction @ base.direction)
+        between = base.point - point
+        along = between @ axis.direction - cosine * (between @ base.direction)
+        point = point + along / (1.0 - cosine**2) * axis.direction
+    at_home = home.poses[body][:3, :3] @ point + home.poses[body][:3, 3]
+    points = {
+        b: T[:3, :3] @ at_home + T[:3, 3]
+        for b, T in ((b, inverse(pose)) for b, pose in home.poses.items())
+    }
+    return Datum(at_home, points, shown)
+
+
+def betas(
+    axes: Axes, home: Home, wanted: Mapping[str, tuple[Pair, Pair]], through: Array
+) -> dict[str, Value]:
+    """Measure angles at home: from the second line to the first, less a right angle.
+
+    Args:
+        axes: as measured
+        home: a still start
+        wanted: {name: (pair, pair)}; a pair leads from its first hinge to its second
+        through: a point of the plane in which they are told, as `home` has it, (3,) [m]
+
+    Returns:
+        {name: angle [rad]} of those that the tracks show
+    """
+    found: dict[str, Value] = {}
+    for name, (to, start) in wanted.items():
+        one, two = (shared_body(axes.linkage, *pair) for pair in (to, start))
+        seen = one in home.poses and two in home.poses
+        if one and two and seen and all(hinge in axes.fits for hinge in (*to, *start)):
+            ends = [(hinge, one) for hinge in to] + [(hinge, two) for hinge in start]
+            way = _ways(axes.linkage, one, home.angles).get(two, ())
+            found[name] = _beta(axes, home, ends, way, through)
+    return found
+
+
+def _beta(
+    axes: Axes, home: Home, ends: Sequence[Pair], way: Sequence[str], through: Array
+) -> Value:
+    """Measure one angle and its standard deviation.
+
+    What each sample's noise does to the lines is summed over the axes before it is squared; the
+    noise of home, which is the mean of the still start, comes on top.
+
+    Args:
+        axes: as measured
+        home: a still start
+        ends: (hinge, body) of each end of both lines
+        way: hinges between the two bodies
+        through: see `betas`
+    """
+    at = [axes.axis(hinge, body) for hinge, body in ends]
+    start = np.concatenate([np.concatenate([axis.point, axis.direction]) for axis in at])
+
+    def angle(numbers: Array) -> float:
+        p = numbers.reshape(4, 6)
+        a, b, c, d = (
+            Line(p[i, :3], p[i, 3:]).moved(home.poses[body]) for i, (_, body) in enumerate(ends)
+        )
+        return line_angle((a, b), (c, d), through)
+
+    moved = np.concatenate([axis.influence for axis in at], axis=1) @ slopes(angle, start)
+    still = sum(home.angles[name].sigma ** 2 for name in way)
+    return Value(angle(start) - 0.5 * np.pi, float(np.sqrt(moved @ moved + still)))

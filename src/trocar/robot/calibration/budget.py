@@ -21,12 +21,20 @@ from trocar.fitting import angle_sigma, expected_hinges, expected_pivot_sigma
 from trocar.geometry import inverse
 from trocar.plotting import pages
 from trocar.plotting.drawing import MEASURED, PALETTE, new_figure, svg
-from trocar.robot.calibration.axes import Axes, Value, distances, joined_hinges, measure_axes
-from trocar.robot.calibration.calibrate import chosen_bodies, planned_figures
+from trocar.robot.calibration.axes import (
+    Axes,
+    Value,
+    betas,
+    distances,
+    find_datum,
+    find_home,
+    joined_hinges,
+    measure_axes,
+)
 from trocar.robot.calibration.linkage import linkage
-from trocar.robot.calibration.placement import remote_centre_of
+from trocar.robot.calibration.measure import chosen_bodies, planned_figures
+from trocar.robot.calibration.robot import remote_centre_of
 from trocar.robot.calibration.tracks import Tracks
-from trocar.robot.calibration.zero_pose import betas, find_datum, find_home
 
 Array = NDArray[np.float64]
 #: Times of the part that sweeps some joints, (from, to) [s]
@@ -174,7 +182,7 @@ def _with_noise(axes: Axes, tracks: Tracks, noise: tuple[float, float]) -> Axes:
 
 
 def _relative(axes: Axes, tracks: Tracks, name: str) -> Array:
-    hinge = axes.linkage.hinge(name)
+    hinge = axes.linkage.hinge[name]
     return inverse(tracks.poses[hinge.body_a]) @ tracks.poses[hinge.body_b]
 
 

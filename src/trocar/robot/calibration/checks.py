@@ -17,8 +17,7 @@ from trocar.descriptions.axis_lines import home_lines, line_angle
 from trocar.descriptions.calibration_plan import Pair
 from trocar.errors import FarFromNominalError
 from trocar.robot.calibration.linkage import LoopedPart
-from trocar.robot.calibration.rcm import RcmReport
-from trocar.robot.calibration.rcm_frame import centre_links, own_centre
+from trocar.robot.calibration.rcm import RcmReport, centre_links, own_centre
 
 Array = NDArray[np.float64]
 
@@ -52,7 +51,7 @@ def nominal_betas(
     Args:
         arm: whose
         first: the axis whose origin the plane passes in which angles are taken
-        lines: {name: (pair, pair)}, as `betas` has them
+        lines: {name: (pair, pair)}, as `axes.betas` has them
     """
     hinges = [first, *(hinge for pairs in lines.values() for pair in pairs for hinge in pair)]
     at = home_lines(arm.mechanism, {hinge: hinge for hinge in hinges})
@@ -64,7 +63,7 @@ def nominal_betas(
 
 
 def distance_bound(nominal: Iterable[float]) -> float:
-    """Return how far an axis distance may be from the description [m].
+    """Return the largest allowed difference of an axis distance from the description [m].
 
     Args:
         nominal: distances of the description [m]
@@ -84,7 +83,7 @@ def check_axes(
         file: the tracks
         distances: {label: measured, nominal [m]}
         angles: {name: measured, nominal [rad]}
-        names: which bodies were taken for the links (`named`)
+        names: which bodies were taken for the links (`likely_labels`)
 
     Raises:
         FarFromNominalError: with every distance and angle that is too far off
@@ -146,7 +145,7 @@ def check_centre(
         seen: the remote centre
         arm: the description
         linkage: its loops
-        names: which bodies were taken for the links (`named`)
+        names: which bodies were taken for the links (`likely_labels`)
 
     Raises:
         FarFromNominalError: with its distance from the first axis and its place
@@ -187,20 +186,6 @@ def check_centre(
             off,
             names,
         )
-
-
-def named(bodies: list[str], names: Mapping[str, str]) -> str:
-    """Return the likely cause, with the name in the file of each body.
-
-    Args:
-        bodies: those that were used
-        names: {body: its name in the file} of those that are called otherwise
-    """
-    listed = ", ".join(b if names.get(b, b) == b else f"{b} ({names[b]!r})" for b in bodies)
-    return (
-        f"Bodies may be labelled wrongly: check which cluster is on which link ({listed});"
-        " --bodies BODY=NAME,... sets their names"
-    )
 
 
 def _far(found: Mapping[str, tuple[float, float]], bound: float) -> dict[str, tuple[float, float]]:

@@ -15,7 +15,7 @@ for that pose.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,16 @@ from trocar.cameras import Intrinsics, StereoCalibration
 from trocar.cameras.lens import distort, distortion_jacobian
 from trocar.descriptions.overlay_records import CameraPatch, FramePatch, Overlay
 from trocar.errors import InputError
+from trocar.fitting.adjust import (
+    Adjustable,
+    Adjustment,
+    Block,
+    Values,
+    adjust,
+    inverted,
+    layout,
+    slopes,
+)
 from trocar.geometry import inverse, nearest_rotation, skew, transform
 from trocar.geometry.rotations import rotation_x, rotation_z, rpy_from_matrix
 from trocar.geometry.se3 import exp_twist, log_transform
@@ -59,8 +69,6 @@ DISAGREE = 1.4
 #: Offsets are named where noise alone would look like them in one of so many calibrations, and each
 #: that is so many standard deviations from 0. Source: our own choice.
 FALSE_ALARM, NAMED_SIGMAS = 1e-3, 3.0
-#: Steps of the adjustment, and the part of the cost that a step must gain to go on.
-STEPS, GAIN = 60, 1e-9
 #: Corners are not found better than this. Source: our own choice; detectors reach 0.06 px.
 BEST_PX = 0.01
 #: Rounds in which the corners' noise is taken from what is left of them.
@@ -100,7 +108,7 @@ class Placed:
         }
 
     def patch(self) -> FramePatch:
-        """Return what an overlay has of it."""
+        """Return the patch of an overlay."""
         return FramePatch(self.pose[:3, 3], rpy_from_matrix(self.pose[:3, :3]), *self.sigma)
 
 
@@ -226,10 +234,11 @@ def calibrate_camera(
             f" {FEWEST_VIEWS}, better 20"
         )
     watch("start values")
-    fit = _adjust(_start(views, joint_noise), watch)
+    fit = _adjusted(*_start(views, joint_noise), 1.0, watch)
     warnings = [f"no corners were found in the views {', '.join(blank)}"] if blank else []
     if offsets:
-        fit = _adjust(replace(fit.state, offsets=_free_offsets(fit.state)), watch)
+        problem, model, values = fit.with_offsets()
+        fit = _adjusted(model, values, problem.noise["corners"], watch)
     else:
         watch("constant offsets of joint readings")
     named = [] if offsets else _named_offsets(fit)
@@ -248,123 +257,82 @@ def calibrate_camera(
 
 
 @dataclass(frozen=True, eq=False)
-class _State:
-    """Values of all unknowns.
+class _BoardModel:
+    """Corners in both eyes, of these unknowns.
+
+        left, stereo     T_ecm_left, T_left_right
+        eyes             fx, fy, cx, cy, k1, k2, p1, p2 of both, (16,)
+        base P, board P  of each PSM
+        offsets          of joint readings (n_offsets,)
+        shifts           of each view's readings: those of the ECM's joints, then of its PSM's
 
     Attributes:
-        left, stereo: T_ecm_left, T_left_right
-        eyes: fx, fy, cx, cy, k1, k2, p1, p2, (2, 8)
-        bases, boards: of each PSM
-        offsets: unknown offsets, (arm, joint index), and their values below
-        offset: (n_offsets,)
-        shifts: of each view's readings: those of the ECM's joints, then of its PSM's, (n_views, k)
+        views: corners and readings
         noise: of the readings, (n_views, k) [rad or m]
-        pixel: noise of a corner per axis [px]
+        offsets: unknown offsets, (arm, joint index)
     """
 
     views: BoardViews
-    left: Array
-    stereo: Array
-    eyes: Array
-    bases: tuple[Array, ...]
-    boards: tuple[Array, ...]
-    shifts: Array
     noise: Array
-    pixel: float = 1.0
     offsets: tuple[tuple[str, int], ...] = ()
-    offset: Array = field(default_factory=lambda: np.zeros(0))
 
-    @property
-    def poses_end(self) -> int:
-        """Where the unknowns of poses and eyes end."""
-        return 12 + 2 * EYE + 12 * len(self.bases)
-
-    @property
-    def offset_sigma(self) -> Array:
-        """Standard deviations that offsets have beforehand, (n_offsets,) [rad or m]."""
-        slides = [
-            self.views.arms[arm].joints[joint].kind == "prismatic" for arm, joint in self.offsets
-        ]
-        return np.where(slides, OFFSET_M, OFFSET_RAD)
-
-    def moved(self, x: Array) -> _State:
-        """Return the state a step further; poses turn in their own axes."""
-        pairs = x[12 + 2 * EYE : self.poses_end].reshape(-1, 2, 6)
-        end = self.poses_end + len(self.offsets)
-        return replace(
-            self,
-            left=self.left @ exp_twist(x[:6]),
-            stereo=self.stereo @ exp_twist(x[6:12]),
-            eyes=self.eyes + x[12 : 12 + 2 * EYE].reshape(2, EYE),
-            bases=tuple(T @ exp_twist(d[0]) for T, d in zip(self.bases, pairs, strict=True)),
-            boards=tuple(T @ exp_twist(d[1]) for T, d in zip(self.boards, pairs, strict=True)),
-            offset=self.offset + x[self.poses_end : end],
-            shifts=self.shifts + x[end:].reshape(self.shifts.shape),
+    def problem(self, pixel: float) -> Adjustable:
+        """Return the least-squares problem, the corners' noise to begin with (per axis) [px]."""
+        kinds = [self.views.arms[arm].joints[joint].kind for arm, joint in self.offsets]
+        return Adjustable(
+            blocks=self.blocks,
+            noise={"corners": pixel},
+            least={"corners": BEST_PX},
+            priors={
+                "shifts": self.noise.ravel(),
+                "offsets": np.where(np.array(kinds) == "prismatic", OFFSET_M, OFFSET_RAD),
+                "eyes": np.tile(np.append(np.full(4, np.inf), DISTORTION_SIGMA), 2),
+            },
         )
 
-    def rows(self) -> tuple[Array, Array]:
-        """Return weighted residuals (m,) and their derivative (m, n) by `moved`'s argument.
-
-        Rows are corners, of view after view, then what is known beforehand: readings, offsets,
-        distortion.
-        """
-        views, end = self.views, self.poses_end
-        first = end + len(self.offsets)
-        width = first + self.shifts.size
-        left, slopes = self._corners()
+    def blocks(self, values: Values) -> dict[str, Block]:
+        """Return the corners' residuals [px], of view after view."""
+        views, at = self.views, layout(values)
+        left, slopes = self.corners(values)
         seen = np.isfinite(views.pixels)
-        count = int(seen.sum())
-        J = np.zeros((count, width))
-        per_view = seen.reshape(len(seen), -1).sum(axis=1)
-        begins = np.concatenate([[0], np.cumsum(per_view)])
-        own = len(views.arms[views.ecm].joints[: views.arms[views.ecm].own_joints])
+        J = np.zeros((int(seen.sum()), at["shifts"].stop))
+        begins = np.concatenate([[0], np.cumsum(seen.reshape(len(seen), -1).sum(axis=1))])
+        own, k = views.arms[views.ecm].own_joints, self.noise.shape[1]
         for i, psm in enumerate(views.holders):
-            rows = slice(begins[i], begins[i + 1])
+            name, rows = views.psms[psm], slice(begins[i], begins[i + 1])
             D = slopes[i][seen[i]]  # (rows, 12 + 16 + 12 + k)
-            fixed = 12 + 2 * EYE
-            J[rows, :fixed] = D[:, :fixed]
-            J[rows, fixed + 12 * psm : fixed + 12 * psm + 12] = D[:, fixed : fixed + 12]
-            by_joint = D[:, fixed + 12 :]
-            k = self.shifts.shape[1]
-            J[rows, first + k * i : first + k * (i + 1)] = by_joint
-            for column, (arm, joint) in enumerate(self.offsets):
+            eyes, by_joint = at["eyes"].stop, D[:, -k:]
+            J[rows, :eyes] = D[:, :eyes]
+            J[rows, at[f"base {name}"]] = D[:, eyes : eyes + 6]
+            J[rows, at[f"board {name}"]] = D[:, eyes + 6 : eyes + 12]
+            first = at["shifts"].start + k * i
+            J[rows, first : first + k] = by_joint
+            for column, (arm, joint) in enumerate(self.offsets, at["offsets"].start):
                 if arm == views.ecm:
-                    J[rows, end + column] = by_joint[:, joint]
-                elif arm == views.psms[psm]:
-                    J[rows, end + column] = by_joint[:, own + joint]
-        prior = np.zeros((self.shifts.size + len(self.offsets) + 2 * 4, width))
-        known = np.zeros(len(prior))
-        n, o = self.shifts.size, len(self.offsets)
-        prior[np.arange(n), first + np.arange(n)] = 1.0 / self.noise.ravel()
-        known[:n] = (self.shifts / self.noise).ravel()
-        prior[n + np.arange(o), end + np.arange(o)] = 1.0 / self.offset_sigma
-        known[n : n + o] = self.offset / self.offset_sigma
-        lens = 12 + np.array([e * EYE + 4 + c for e in range(2) for c in range(4)])
-        prior[n + o + np.arange(8), lens] = 1.0 / np.tile(DISTORTION_SIGMA, 2)
-        known[n + o :] = (self.eyes[:, 4:] / DISTORTION_SIGMA).ravel()
-        return (
-            np.concatenate([left[seen] / self.pixel, known]),
-            np.concatenate([J / self.pixel, prior]),
-        )
+                    J[rows, column] = by_joint[:, joint]
+                elif arm == name:
+                    J[rows, column] = by_joint[:, own + joint]
+        return {"corners": Block(left[seen], J)}
 
-    def positions(self) -> tuple[Array, list[Array]]:
+    def positions(self, values: Values) -> tuple[Array, list[Array]]:
         """Return joint positions of the ECM (n_views, n) and of each view's PSM."""
         views = self.views
         known = {name: np.zeros(len(arm.joints)) for name, arm in views.arms.items()}
-        for (name, joint), value in zip(self.offsets, self.offset, strict=True):
+        for (name, joint), value in zip(self.offsets, values["offsets"], strict=True):
             known[name][joint] = value
+        shifts = values["shifts"].reshape(self.noise.shape)
         own = views.arms[views.ecm].own_joints
         ecm = views.q[views.ecm] + known[views.ecm]
-        ecm[:, :own] += self.shifts[:, :own]
+        ecm[:, :own] += shifts[:, :own]
         tools: list[Array] = []
         for i, psm in enumerate(views.holders):
             name = views.psms[psm]
             q = views.q[name][i] + known[name]
-            q[: views.arms[name].own_joints] += self.shifts[i, own:][: views.arms[name].own_joints]
+            q[: views.arms[name].own_joints] += shifts[i, own:][: views.arms[name].own_joints]
             tools.append(q)
         return ecm, tools
 
-    def _corners(self) -> tuple[Array, Array]:
+    def corners(self, values: Values) -> tuple[Array, Array]:
         """Return expected less seen pixels (n, 2, corners, 2) [px], and their derivatives.
 
         Returns:
@@ -373,24 +341,27 @@ class _State:
         """
         views = self.views
         n, corners = len(views.names), len(views.points)
-        ecm_q, tool_q = self.positions()
+        ecm_q, tool_q = self.positions(values)
         ecm = views.arms[views.ecm]
         A_e = pose(ecm.mechanism, ecm_q)
         J_e = jacobian_body(ecm.mechanism, ecm_q)[:, :, : ecm.own_joints]
-        A_p, J_p = np.zeros((n, 4, 4)), np.zeros((n, 6, self.shifts.shape[1] - ecm.own_joints))
+        A_p, J_p = np.zeros((n, 4, 4)), np.zeros((n, 6, self.noise.shape[1] - ecm.own_joints))
         for psm, name in enumerate(views.psms):
             mine = [i for i, holder in enumerate(views.holders) if holder == psm]
             arm = views.arms[name]
             q = np.array([tool_q[i] for i in mine])
             A_p[mine] = pose(arm.mechanism, q)
             J_p[mine, :, : arm.own_joints] = jacobian_body(arm.mechanism, q)[:, :, : arm.own_joints]
-        base = np.array(self.bases)[list(views.holders)]
-        board = np.array(self.boards)[list(views.holders)]
+        base, board = (
+            np.array([values[f"{what} {views.psms[psm]}"] for psm in views.holders])
+            for what in ("base", "board")
+        )
+        left, stereo, eyes = values["left"], values["stereo"], values["eyes"].reshape(2, EYE)
         in_tip = _apply(board, views.points)
         in_base = _apply(A_p, in_tip)
         in_ecm = _apply(inverse(A_e) @ base, in_base)
-        in_left = _apply(np.broadcast_to(inverse(self.left), A_e.shape), in_ecm)
-        R_left_ecm = np.broadcast_to(self.left[:3, :3].T, (n, 3, 3))
+        in_left = _apply(np.broadcast_to(inverse(left), A_e.shape), in_ecm)
+        R_left_ecm = np.broadcast_to(left[:3, :3].T, (n, 3, 3))
         R_left_base = R_left_ecm @ np.swapaxes(A_e[:, :3, :3], 1, 2) @ base[:, :3, :3]
         R_left_tip = R_left_base @ A_p[:, :3, :3]
         by = np.concatenate(
@@ -403,15 +374,15 @@ class _State:
             ],
             axis=-1,
         )  # (n, corners, 3, 6 + 6 + 6 + k)
-        in_right = _apply(np.broadcast_to(inverse(self.stereo), A_e.shape), in_left)
+        in_right = _apply(np.broadcast_to(inverse(stereo), A_e.shape), in_left)
         expected, slopes = (
             np.zeros((n, 2, corners, 2)),
-            np.zeros((n, 2, corners, 2, 12 + 2 * EYE + 12 + self.shifts.shape[1])),
+            np.zeros((n, 2, corners, 2, 12 + 2 * EYE + 12 + self.noise.shape[1])),
         )
         for eye, points in enumerate((in_left, in_right)):
-            pixels, by_point, by_eye = _seen(points, self.eyes[eye])
+            pixels, by_point, by_eye = _seen(points, eyes[eye])
             expected[:, eye] = pixels
-            moves = by if eye == 0 else self.stereo[:3, :3].T @ by
+            moves = by if eye == 0 else stereo[:3, :3].T @ by
             along = by_point @ moves
             slopes[:, eye, ..., :6] = along[..., :6]
             if eye:
@@ -464,84 +435,48 @@ def _seen(points: Array, eye: Array) -> tuple[Array, Array, Array]:
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    state: _State
-    covariance: Array
-    joint_ratio: float
-    corner_rms: float
+    model: _BoardModel
+    found: Adjustment
+
+    @property
+    def values(self) -> Values:
+        """The unknowns."""
+        return self.found.values
+
+    @property
+    def joint_ratio(self) -> float:
+        """Deviations of readings by what their noise allows, RMS."""
+        return self.found.ratio("shifts")
 
     @property
     def offset_values(self) -> dict[str, dict[str, Value]]:
         """Offsets with their standard deviations."""
         found: dict[str, dict[str, Value]] = {}
-        begin = self.state.poses_end
-        for i, ((arm, joint), value) in enumerate(
-            zip(self.state.offsets, self.state.offset, strict=True)
+        sigmas = self.found.sigma("offsets")
+        for (arm, joint), value, sigma in zip(
+            self.model.offsets, self.values["offsets"], sigmas, strict=True
         ):
-            name = self.state.views.arms[arm].joints[joint].name
-            sigma = float(np.sqrt(self.covariance[begin + i, begin + i]))
-            found.setdefault(arm, {})[name] = Value(float(value), sigma)
+            name = self.model.views.arms[arm].joints[joint].name
+            found.setdefault(arm, {})[name] = Value(float(value), float(sigma))
         return found
 
-
-def _adjust(state: _State, watch: Callable[[str], None] = lambda _: None) -> _Fit:
-    """Adjust all unknowns by damped Gauss-Newton steps, the corners' noise by what is left."""
-    if len(state.offset) != len(state.offsets):
-        state = replace(state, offset=np.zeros(len(state.offsets)))
-    count = int(np.isfinite(state.views.pixels).sum())
-    covariance = np.zeros((0, 0))
-    free = 0.0
-    for number in range(ROUNDS):
-        watch(f"round {number + 1} of {ROUNDS}")
-        state = _minimised(state)
-        _, J = state.rows()
-        covariance = _inverted(J.T @ J)
-        # Unknowns that the corners determine, beside what is known beforehand.
-        prior = J[count:]
-        free = J.shape[1] - float(np.einsum("ij,jk,ik->", prior, covariance, prior))
-        left = state.rows()[0][:count] * state.pixel
-        pixel = float(np.sqrt(left @ left / max(count - free, 1.0)))
-        state = replace(state, pixel=max(pixel, BEST_PX))
-    left, J = state.rows()
-    covariance = _inverted(J.T @ J)
-    n, first = state.shifts.size, state.poses_end + len(state.offsets)
-    used = n - float(np.sum(np.diag(covariance)[first:] / state.noise.ravel() ** 2))
-    shifts = (state.shifts / state.noise).ravel()
-    return _Fit(
-        state,
-        covariance,
-        float(np.sqrt(shifts @ shifts / max(used, 1.0))),
-        float(np.sqrt(np.mean((left[:count] * state.pixel) ** 2))),
-    )
+    def with_offsets(self) -> tuple[Adjustable, _BoardModel, Values]:
+        """Return the problem, the model and the unknowns with the offsets that may be found."""
+        free = _free_offsets(self.model, self.values)
+        model = replace(self.model, offsets=free)
+        problem = model.problem(self.found.problem.noise["corners"])
+        return problem, model, {**self.values, "offsets": np.zeros(len(free))}
 
 
-def _minimised(state: _State) -> _State:
-    left, J = state.rows()
-    damping, cost = 1e-4, float(left @ left)
-    for _ in range(STEPS):
-        square, slope = J.T @ J, J.T @ left
-        scale = np.sqrt(np.maximum(np.diag(square), 1e-30))
-        before = cost
-        while damping < 1e8:
-            damped = square / np.outer(scale, scale) + damping * np.eye(len(scale))
-            step = -np.linalg.solve(damped, slope / scale) / scale
-            tried = state.moved(step)
-            tried_left, tried_J = tried.rows()
-            if np.isfinite(tried_left).all() and tried_left @ tried_left < cost:
-                state, left, J, cost = tried, tried_left, tried_J, float(tried_left @ tried_left)
-                damping = max(0.1 * damping, 1e-12)
-                break
-            damping *= 10.0
-        if before - cost <= GAIN * before:
-            break
-    return state
+def _adjusted(
+    model: _BoardModel, values: Values, pixel: float, watch: Callable[[str], None]
+) -> _Fit:
+    """Adjust all unknowns, and the corners' noise by what is left."""
 
+    def round_(number: int) -> None:
+        watch(f"round {number} of {ROUNDS}")
 
-def _inverted(square: Array) -> Array:
-    """Return the inverse of normal equations; directions that are open get a large variance."""
-    scale = np.sqrt(np.maximum(np.diag(square), 1e-30))
-    values, vectors = np.linalg.eigh(square / np.outer(scale, scale))
-    inverted = (vectors / np.maximum(values, 1e-13)) @ vectors.T
-    return np.asarray(inverted / np.outer(scale, scale))
+    return _Fit(model, adjust(model.problem(pixel), values, ROUNDS, round_))
 
 
 def _candidates(views: BoardViews) -> list[tuple[str, int]]:
@@ -549,13 +484,12 @@ def _candidates(views: BoardViews) -> list[tuple[str, int]]:
     return [(name, joint) for name in names for joint in range(views.arms[name].own_joints)]
 
 
-def _free_offsets(state: _State) -> tuple[tuple[str, int], ...]:
+def _free_offsets(model: _BoardModel, values: Values) -> tuple[tuple[str, int], ...]:
     """Return the offsets that no shift of a pose equals."""
-    every = _candidates(state.views)
-    trial = replace(state, offsets=tuple(every), offset=np.zeros(len(every)))
-    _, J = trial.rows()
-    J = J[: int(np.isfinite(state.views.pixels).sum())]
-    end = trial.poses_end
+    every = _candidates(model.views)
+    values = {**values, "offsets": np.zeros(len(every))}
+    J = replace(model, offsets=tuple(every)).blocks(values)["corners"].derivative
+    end = layout(values)["offsets"].start
     basis, _ = np.linalg.qr(J[:, :end] / np.linalg.norm(J[:, :end], axis=0))
     free: list[tuple[str, int]] = []
     for i, one in enumerate(every):
@@ -571,39 +505,33 @@ def _free_offsets(state: _State) -> tuple[tuple[str, int], ...]:
 
 def _named_offsets(fit: _Fit) -> list[str]:
     """Return the offsets that a step from here would find, if together they are no accident."""
-    state, noise = fit.state, max(fit.joint_ratio, 1.0)
-    free = _free_offsets(state)
-    trial = replace(state, offsets=free, offset=np.zeros(len(free)))
-    left, J = trial.rows()
-    slope, covariance = J.T @ left, _inverted(J.T @ J)
+    noise = max(fit.joint_ratio, 1.0)
+    problem, model, values = fit.with_offsets()
+    left, J = problem.linear(values)
+    slope, covariance = J.T @ left, inverted(J.T @ J)
     step = -covariance @ slope
-    if -slope @ step < noise**2 * chi2.isf(FALSE_ALARM, len(free)):
+    if -slope @ step < noise**2 * chi2.isf(FALSE_ALARM, len(model.offsets)):
         return []
     named: list[str] = []
-    for i, (arm, joint) in enumerate(free, trial.poses_end):
+    for i, (arm, joint) in enumerate(model.offsets, layout(values)["offsets"].start):
         value, sigma = float(step[i]), float(np.sqrt(covariance[i, i]))
         if abs(value) > NAMED_SIGMAS * noise * sigma:
-            one = state.views.arms[arm].joints[joint]
+            one = model.views.arms[arm].joints[joint]
             unit = "mm" if one.kind == "prismatic" else "mrad"
             named.append(f"{arm} {one.name} {1e3 * value:+.2f} +- {1e3 * sigma:.2f} {unit}")
     return named or ["of several joints"]
 
 
-def _slides(views: BoardViews, arm: str, joint: str) -> bool:
-    return next(j.kind == "prismatic" for j in views.arms[arm].joints if j.name == joint)
-
-
 def _result(fit: _Fit, warnings: tuple[str, ...]) -> HandEye:
-    state, views = fit.state, fit.state.views
-    C, begin = fit.covariance, 12 + 2 * EYE
+    values, views, found = fit.values, fit.model.views, fit.found
 
-    def placed(T: Array, at: int) -> Placed:
-        return Placed(T, C[at : at + 6, at : at + 6])
+    def placed(name: str) -> Placed:
+        return Placed(values[name], found.covariance_of(name))
 
-    left, stereo = placed(state.left, 0), placed(state.stereo, 6)
-    bases = {n: placed(state.bases[i], begin + 12 * i) for i, n in enumerate(views.psms)}
-    boards = {n: placed(state.boards[i], begin + 12 * i + 6) for i, n in enumerate(views.psms)}
-    residuals = state._corners()[0]
+    left, stereo = placed("left"), placed("stereo")
+    bases = {name: placed(f"base {name}") for name in views.psms}
+    boards = {name: placed(f"board {name}") for name in views.psms}
+    residuals = fit.model.corners(values)[0]
     sizes = np.sqrt(np.nanmean(residuals**2, axis=(1, 2, 3)))
     if np.nanmedian(np.abs(residuals)) > WRONG_PX:
         raise InputError(
@@ -620,28 +548,18 @@ def _result(fit: _Fit, warnings: tuple[str, ...]) -> HandEye:
                 f" ({1e3 * shift.max():.0f} mm, {np.degrees(turn.max()):.0f} deg); required: both"
                 f" {views.ecm} and the tool turn by 20 deg or more about two axes between views"
             )
-    eyes = [_intrinsics(views, state.eyes[e]) for e in range(2)]
+    eyes = [_intrinsics(views, eye) for eye in values["eyes"].reshape(2, EYE)]
     calibration = StereoCalibration(
-        eyes[0], eyes[1], state.stereo, source=f"trocar calibrate-camera {views.file}"
+        eyes[0], eyes[1], stereo.pose, source=f"trocar calibrate-camera {views.file}"
     )
     T_left_camera = inverse(calibration.mounts[0])
 
     def moved(x: Array) -> Array:
-        stereo = replace(calibration, T_left_right=state.stereo @ exp_twist(x[6:]))
-        return exp_twist(x[:6]) @ inverse(stereo.mounts[0])
+        shifted = replace(calibration, T_left_right=stereo.pose @ exp_twist(x[6:]))
+        return exp_twist(x[:6]) @ inverse(shifted.mounts[0])
 
-    step = 1e-6
-    slopes = np.stack(
-        [
-            (
-                log_transform(inverse(T_left_camera) @ moved(d))
-                - log_transform(inverse(T_left_camera) @ moved(-d))
-            )
-            / (2.0 * step)
-            for d in step * np.eye(12)
-        ],
-        axis=-1,
-    )
+    by_pose = slopes(lambda x: log_transform(inverse(T_left_camera) @ moved(x)), np.zeros(12))
+    both = found.covariance_of("left", "stereo")
     median = float(np.median(sizes))
     far = [
         f"view {name}: corners miss by {size:.2f} px, the median is {median:.2f} px"
@@ -649,20 +567,18 @@ def _result(fit: _Fit, warnings: tuple[str, ...]) -> HandEye:
         if size > FAR * max(median, BEST_PX)
     ]
     opened = [
-        f"{arm} {joint}: the views say little of its offset"
-        for arm, row in fit.offset_values.items()
-        for joint, value in row.items()
-        if value.sigma > OPEN_PART * (OFFSET_M if _slides(views, arm, joint) else OFFSET_RAD)
+        f"{arm} {views.arms[arm].joints[joint].name}: the views say little of its offset"
+        for arm, joint in (fit.model.offsets[i] for i in found.undetermined("offsets", OPEN_PART))
     ]
-    chosen = set(state.offsets)
+    chosen = set(fit.model.offsets)
     return HandEye(
         ecm=views.ecm,
         description=views.arms[views.ecm].name,
         calibration=calibration,
-        eye_sigma=np.sqrt(np.diag(C)[12:begin]).reshape(2, EYE),
+        eye_sigma=found.sigma("eyes").reshape(2, EYE),
         stereo=stereo,
         left=left,
-        camera=Placed(state.left @ T_left_camera, slopes @ C[:12, :12] @ slopes.T),
+        camera=Placed(left.pose @ T_left_camera, by_pose @ both @ by_pose.T),
         bases=bases,
         boards=boards,
         offsets=fit.offset_values,
@@ -676,7 +592,7 @@ def _result(fit: _Fit, warnings: tuple[str, ...]) -> HandEye:
         }
         if chosen
         else {},
-        corner_rms=fit.corner_rms,
+        corner_rms=float(np.sqrt(np.mean(found.residuals["corners"] ** 2))),
         joint_ratio=fit.joint_ratio,
         corners=int(np.isfinite(views.pixels).all(axis=-1).sum()),
         view_rms=dict(zip(views.names, sizes.tolist(), strict=True)),
@@ -689,7 +605,7 @@ def _intrinsics(views: BoardViews, eye: Array) -> Intrinsics:
     return Intrinsics(*views.size, K, eye[4:])
 
 
-def _start(views: BoardViews, joint_noise: float) -> _State:
+def _start(views: BoardViews, joint_noise: float) -> tuple[_BoardModel, dict[str, Array]]:
     """Return a first guess: lenses and board poses by homographies, then the arms' poses."""
     eyes, seen = [], []
     for eye in range(2):
@@ -731,16 +647,11 @@ def _start(views: BoardViews, joint_noise: float) -> _State:
         slides = [j for j, joint in enumerate(joints) if joint.kind == "prismatic"]
         noise[i, slides] *= SLIDE_PER_TURN
     _, left, pairs = best
-    return _State(
-        views=views,
-        left=left,
-        stereo=stereo,
-        eyes=np.array(eyes),
-        bases=tuple(pair[0] for pair in pairs),
-        boards=tuple(pair[1] for pair in pairs),
-        shifts=np.zeros_like(noise),
-        noise=noise,
-    )
+    values = {"left": left, "stereo": stereo, "eyes": np.concatenate(eyes)}
+    for name, (base, board) in zip(views.psms, pairs, strict=True):
+        values |= {f"base {name}": base, f"board {name}": board}
+    values |= {"offsets": np.zeros(0), "shifts": np.zeros(noise.size)}
+    return _BoardModel(views, noise), values
 
 
 def _arms_start(

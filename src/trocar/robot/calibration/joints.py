@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from trocar import __version__
 from trocar.descriptions import ArmDescription
@@ -29,10 +28,11 @@ from trocar.descriptions.serial_axes import (
     spacing,
     tilt,
 )
-from trocar.errors import FarFromNominalError, InputError, LabelsError, TracksError
+from trocar.errors import FarFromNominalError, InputError, TracksError
 from trocar.fitting import (
     LEAST_SPAN,
     SMALL_SPAN,
+    STILL_S,
     HingeFit,
     SharedHinge,
     SlideFit,
@@ -40,18 +40,24 @@ from trocar.fitting import (
     fit_slide,
     likely_cause,
     refine_hinges,
+    still_start,
 )
+from trocar.fitting.adjust import Adjustable, Block, Values, adjust, slopes
 from trocar.geometry import inverse, matrix_from_rotation_vector, rotation_z, transform
 from trocar.geometry.rotations import rotation_vector_from_matrix, rpy_from_matrix
 from trocar.kinematics.forward import poses
 from trocar.kinematics.mechanism import Mechanism
-from trocar.robot.calibration.axes import LEAST_SAMPLES, ROUNDED_M, WRONG_M, Value, slopes
+from trocar.robot.calibration.axes import (
+    LEAST_SAMPLES,
+    ROUNDED_M,
+    WRONG_M,
+    Value,
+)
 from trocar.robot.calibration.calibrate import Calibration
 from trocar.robot.calibration.checks import FAR_M, FAR_RAD
-from trocar.robot.calibration.labels import labels_error, relabelled
+from trocar.robot.calibration.labels import Labels, labels_that_fit, relabelled
 from trocar.robot.calibration.linkage import linkage
 from trocar.robot.calibration.tracks import Tracks, check_together, select_bodies, thinned
-from trocar.robot.calibration.zero_pose import STILL_S, still_start
 
 Array = NDArray[np.float64]
 
@@ -166,7 +172,16 @@ def calibrate_joints(
         chain = _measure(picked, arm.name, joints, nominal, watch)
     except InputError as problem:
         watch("labels")
-        raise _mislabelled(problem, picked, arm.name, joints, nominal, names) or problem from None
+        some = thinned(picked)
+        tries = (
+            ({body: {one: two, two: one}.get(body, body) for body in picked.poses},)
+            for one, two in combinations(picked.poses, 2)
+        )
+
+        def fits(labels: Sequence[Labels]) -> object:
+            return _measure(relabelled(some, labels[0]), arm.name, joints, nominal, lambda _: None)
+
+        raise labels_that_fit(problem, [picked.file], tries, fits, names) or problem from None
     warnings = (*tracks.warnings, *chain.warnings())
     watch("placement")
     overlay = _overlay(arm, chain, loops)
@@ -379,7 +394,7 @@ def _at_home(fit: HingeFit | SlideFit, still: NDArray[np.bool_]) -> tuple[Array,
 
 
 def _sense(fit: HingeFit | SlideFit, still: NDArray[np.bool_]) -> float:
-    """Return whether a joint moved along (1) or against (-1) its fit's direction at first."""
+    """Return the sense of a joint's first motion along its fit's direction, 1 or -1."""
     at = fit.positions if isinstance(fit, SlideFit) else fit.angles
     away = at - np.nanmean(at[still])
     far = np.flatnonzero(np.abs(away) > BEGUN * fit.span)
@@ -462,26 +477,6 @@ def _check(file: str, chain: TrackedChain, nominal: Mapping[str, Mapping[str, fl
         )
 
 
-def _mislabelled(
-    problem: InputError,
-    tracks: Tracks,
-    name: str,
-    joints: tuple[SerialJoint, ...],
-    nominal: Mapping[str, Mapping[str, float]],
-    names: Mapping[str, str],
-) -> LabelsError | None:
-    """Return which two labels are exchanged, None if tracks fit under no such exchange."""
-    some = thinned(tracks)
-    for one, two in combinations(tracks.poses, 2):
-        labels = {body: {one: two, two: one}.get(body, body) for body in tracks.poses}
-        try:
-            _measure(relabelled(some, labels, {}), name, joints, nominal, lambda _: None)
-        except InputError:
-            continue
-        return labels_error(problem, {tracks.file: labels}, names)
-    return None
-
-
 def _overlay(arm: ArmDescription, chain: TrackedChain, loops: Calibration | None) -> Overlay:
     """Return the overlay whose frames stand on the measured axes, with standard deviations."""
     base = Overlay(arm.name) if loops is None else loops.overlay
@@ -548,7 +543,7 @@ def _placed(
     held: set[str],
     anchor: tuple[int, Array] | None,
 ) -> dict[str, Array]:
-    """Return where frames stand in their parents, {frame: before (4, 4)} of those that may move.
+    """Return the poses of frames in their parents, {frame: before (4, 4)} of those that may move.
 
     Args:
         mechanism: with its loops calibrated
@@ -600,16 +595,15 @@ def _onto(axis: Array, line: Line, slides: bool) -> Array:
 
 
 def _laid(lines: Sequence[Line], joints: Sequence[SerialJoint]) -> Array:
-    """Return what lays measured axes on those as drawn, least squares, (4, 4)."""
-    found: list[tuple[float, Array]] = []
-    for T in _starts(lines, joints):
+    """Return the pose that lays measured axes on those as drawn, least squares, (4, 4)."""
 
-        def left(x: Array, T: Array = T) -> Array:
-            return _misfit(lines, joints, _moved(T, x))
+    def blocks(values: Values) -> dict[str, Block]:
+        return {"axes": Block(_misfit(lines, joints, values["onto"]))}
 
-        solved = least_squares(left, np.zeros(6), xtol=1e-14, ftol=1e-14, gtol=1e-14)
-        found.append((float(solved.cost), _moved(T, solved.x)))
-    return min(found, key=lambda one: one[0])[1]
+    problem = Adjustable(blocks, {"axes": 1.0})
+    found = [adjust(problem, {"onto": T}) for T in _starts(lines, joints)]
+    best = min(found, key=lambda one: float(one.residuals["axes"] @ one.residuals["axes"]))
+    return best.values["onto"]
 
 
 def _moved(T: Array, x: Array) -> Array:
@@ -618,7 +612,7 @@ def _moved(T: Array, x: Array) -> Array:
 
 
 def _misfit(lines: Sequence[Line], joints: Sequence[SerialJoint], T: Array) -> Array:
-    """Return how far measured axes are from those as drawn [m]."""
+    """Return the distances of measured axes from those as drawn [m]."""
     parts: list[Array] = []
     for line, joint in zip(lines, joints, strict=True):
         got = line.moved(T)

@@ -16,7 +16,7 @@ from trocar.geometry import inverse
 from trocar.robot.calibration.axes import LEAST_SAMPLES, WRONG_M, check_span, shared_body
 from trocar.robot.calibration.checks import check_axes, distance_bound
 from trocar.robot.calibration.linkage import APART_M, LoopedPart
-from trocar.robot.calibration.tracks import Tracks, thinned
+from trocar.robot.calibration.tracks import Tracks
 
 Labels = Mapping[str, str]
 
@@ -53,13 +53,12 @@ def rough_hinges(
     tracks: Tracks, pairs: Iterable[tuple[str, str]]
 ) -> dict[tuple[str, str], RoughHinge]:
     """Return the axes of pairs of bodies, of those that are tracked together, both ways round."""
-    some = thinned(tracks)
     found: dict[tuple[str, str], RoughHinge] = {}
     for one, two in pairs:
-        both = some.together(one, two)
+        both = tracks.together(one, two)
         if both.sum() < LEAST_SAMPLES:
             continue
-        T = inverse(some.poses[one][both]) @ some.poses[two][both]
+        T = inverse(tracks.poses[one][both]) @ tracks.poses[two][both]
         model, used = rough_hinge(T)
         away = (model.poses() - T)[:, :3, 3]
         lines = (
@@ -85,7 +84,7 @@ def check_loops(
     Loops that hardly move, and bodies that do not turn about an axis, are left to others.
 
     Args:
-        tracks: their bodies under the description's names
+        tracks: some samples, their bodies under the description's names
         linkage: the loops
         nominal: {label: distance [m]}
         pairs: {label: two hinges} of the distances
@@ -126,7 +125,7 @@ def fitting_labels(
     loops, and every axis distance is near the nominal one.
 
     Args:
-        tracks: their bodies under the description's names
+        tracks: some samples, their bodies under the description's names
         linkage: the loops
         nominal: {label: distance [m]}
         pairs: {label: two hinges} of the distances
@@ -165,7 +164,7 @@ def _ends(linkage: LoopedPart, pair: Pair) -> tuple[str, str, str] | None:
     body = shared_body(linkage, *pair)
     if body is None:
         return None
-    one, two = (linkage.hinge(name) for name in pair)
+    one, two = (linkage.hinge[name] for name in pair)
     first = one.body_b if body == one.body_a else one.body_a
     return body, first, two.body_b if body == two.body_a else two.body_a
 
@@ -174,22 +173,62 @@ def _distance(one: RoughHinge, two: RoughHinge) -> float:
     return line_distance(one.lines[0], two.lines[0], one.lines[0].point)
 
 
-def relabelled(tracks: Tracks, labels: Labels, names: Labels) -> Tracks:
+def likely_labels(bodies: Sequence[str], names: Labels) -> str:
+    """Return the likely cause of figures that are far off, with the name in the file of each body.
+
+    Args:
+        bodies: those that were used
+        names: {body: its name in the file} of those that are called otherwise
+    """
+    return (
+        "Bodies may be labelled wrongly: check which cluster is on which link"
+        f" ({', '.join(_shown(body, names) for body in bodies)});"
+        " --bodies BODY=NAME,... sets their names"
+    )
+
+
+def _shown(body: str, names: Labels) -> str:
+    return body if names.get(body, body) == body else f"{body} ({names[body]!r})"
+
+
+def relabelled(tracks: Tracks, labels: Labels) -> Tracks:
     """Return tracks with their bodies' names put right.
 
     Args:
         tracks: as they are
         labels: {body: the label that it has}
-        names: {body: its name in the tracks} of those that are called otherwise
     """
-    poses = dict(tracks.poses)
-    for body, label in labels.items():
-        poses[names.get(body, body)] = tracks.poses[names.get(label, label)]
-    return replace(tracks, poses=poses)
+    right = {body: tracks.poses[label] for body, label in labels.items()}
+    return replace(tracks, poses={**tracks.poses, **right})
+
+
+def labels_that_fit(
+    problem: InputError,
+    files: Sequence[str],
+    tries: Iterable[Sequence[Labels]],
+    fits: Callable[[Sequence[Labels]], object],
+    names: Labels,
+) -> LabelsError | None:
+    """Return the error that names exchanged labels, None if tracks fit under no others.
+
+    Args:
+        problem: the defect under the labels as they are
+        files: where the tracks were read
+        tries: {body: the label that it has} of each file, the likeliest first
+        fits: raises InputError where tracks with these labels are not the arm's
+        names: {body: its name in the files} of those that are called otherwise
+    """
+    for labels in tries:
+        try:
+            fits(labels)
+        except InputError:
+            continue
+        return labels_error(problem, dict(zip(files, labels, strict=True)), names)
+    return None
 
 
 def exchange_text(labels: Labels, names: Labels) -> str:
-    """Return which labels are exchanged, in words, "" where each is right."""
+    """Return the exchanged labels, in words, "" where each is right."""
     cycles: list[list[str]] = []
     for body in labels:
         if labels[body] != body and not any(body in cycle for cycle in cycles):
@@ -197,14 +236,10 @@ def exchange_text(labels: Labels, names: Labels) -> str:
             while labels[cycle[-1]] != body:
                 cycle.append(labels[cycle[-1]])
             cycles.append(cycle)
-
-    def shown(body: str) -> str:
-        return body if names.get(body, body) == body else f"{body} ({names[body]!r})"
-
     parts: list[str] = []
     for cycle in cycles:
         if len(cycle) == 2:
-            parts.append(f"{' and '.join(map(shown, cycle))} are exchanged")
+            parts.append(f"{' and '.join(_shown(body, names) for body in cycle)} are exchanged")
         else:
             parts.append(", ".join(f"{body} is labelled {labels[body]}" for body in cycle))
     return "; ".join(parts)

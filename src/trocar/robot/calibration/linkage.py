@@ -7,8 +7,9 @@ robot by name.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -98,34 +99,18 @@ class LoopedPart:
         """The body that every loop hangs on."""
         return next(iter(self.bodies))
 
-    def hinge(self, name: str) -> HingeAxis:
-        """Return the hinge with this name."""
-        return next(hinge for hinge in self.hinges if hinge.name == name)
+    @cached_property
+    def hinge(self) -> Mapping[str, HingeAxis]:
+        """The hinges by their names."""
+        return {hinge.name: hinge for hinge in self.hinges}
 
-    def ways(self, start: str, hinges: Collection[str]) -> dict[str, tuple[str, ...]]:
-        """Return the shortest way from a body to each that some hinges connect with it.
-
-        Args:
-            start: a body
-            hinges: names of the hinges to go by
-
-        Returns:
-            {body: hinges on the way}, the nearest first
-        """
-        found: dict[str, tuple[str, ...]] = {start: ()}
-        waiting = [start]
-        for body in waiting:
-            for name in self.carried(body):
-                hinge = self.hinge(name)
-                other = hinge.body_b if body == hinge.body_a else hinge.body_a
-                if name in hinges and other not in found:
-                    found[other] = (*found[body], name)
-                    waiting.append(other)
-        return found
-
-    def carried(self, body: str) -> tuple[str, ...]:
-        """Return the names of the hinges that a body carries."""
-        return tuple(h.name for h in self.hinges if body in (h.body_a, h.body_b))
+    @cached_property
+    def carried(self) -> Mapping[str, tuple[str, ...]]:
+        """{body: names of the hinges that it carries}."""
+        return {
+            body: tuple(h.name for h in self.hinges if body in (h.body_a, h.body_b))
+            for body in self.bodies
+        }
 
 
 def linkage(arm: ArmDescription) -> LoopedPart:
@@ -224,7 +209,7 @@ def plane_across(along: Array) -> Array:
 def _turns(
     core: Mechanism, hinges: tuple[HingeAxis, ...], signs: Mapping[str, float]
 ) -> dict[str, Array]:
-    """Return how each body turns in the plane by the couplings alone, from the ground up."""
+    """Return the turn of each body in the plane by the couplings alone, from the ground up."""
     found = {hinges[0].body_a: np.zeros(len(core.joints))}
     for hinge in hinges:
         if not hinge.closure:
@@ -253,7 +238,7 @@ def slots(linkage: LoopedPart) -> tuple[Slot, ...]:
 
 
 def shift_rows(linkage: LoopedPart) -> dict[str, Array]:
-    """Return how displacements move each body at home, {body: (n_slots,)} of zeros and ones."""
+    """Return the slots that displace each body at home, {body: (n_slots,)} of zeros and ones."""
     unit = np.eye(len(slots(linkage)))
     rows = {linkage.ground: 0.0 * unit[0]}
     for hinge, row in zip(linkage.tree, unit, strict=False):
@@ -262,13 +247,13 @@ def shift_rows(linkage: LoopedPart) -> dict[str, Array]:
 
 
 def place_rows(linkage: LoopedPart) -> dict[Slot, Array]:
-    """Return how displacements move each place at home, {place: (n_slots,)}."""
+    """Return the slots that displace each place at home, {place: (n_slots,)}."""
     rows, places = shift_rows(linkage), slots(linkage)
     return {slot: rows[slot.body] + u for slot, u in zip(places, np.eye(len(places)), strict=True)}
 
 
 def home_points(linkage: LoopedPart, moved: Array) -> dict[Slot, Array]:
-    """Return where each body has its hinges at home.
+    """Return the places of the hinges of each body at home.
 
     Args:
         linkage: the loops

@@ -22,13 +22,13 @@ from trocar.descriptions.calibration_plan import default_plan
 from trocar.descriptions.overlay import Overlay, overlay_between
 from trocar.descriptions.paper import TABLE6, TABLE6_SPREAD_M, TABLE7, PaperRcm
 from trocar.errors import InputError
+from trocar.fitting.adjust import slopes
 from trocar.kinematics.mechanism import Mechanism
-from trocar.robot.calibration.axes import BaseAxis, slopes
+from trocar.robot.calibration.axes import BaseAxis
 from trocar.robot.calibration.linkage import freedoms, linkage, slots
-from trocar.robot.calibration.placement import calibrated, remote_centre_of
-from trocar.robot.calibration.rcm_frame import OwnCentre, centre_links, own_centre
+from trocar.robot.calibration.rcm import OwnCentre, centre_links, own_centre
 from trocar.robot.calibration.refine import may_tilt
-from trocar.robot.calibration.robot import Robot, displaced, with_pins
+from trocar.robot.calibration.robot import Robot, calibrated, displaced, remote_centre_of, with_pins
 
 Array = NDArray[np.float64]
 

@@ -17,6 +17,7 @@ from scipy.ndimage import median_filter
 from scipy.optimize import least_squares
 
 from trocar.geometry import inverse, matrix_from_rotation_vector, skew
+from trocar.robot.calibration.axes import Axes, Home
 from trocar.robot.calibration.linkage import LoopedPart, freedoms
 from trocar.robot.calibration.robot import (
     Level,
@@ -29,6 +30,7 @@ from trocar.robot.calibration.robot import (
     mechanism_of,
     pose_residuals,
 )
+from trocar.robot.calibration.tracks import Tracks
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -47,6 +49,8 @@ NEIGHBOURS = 9
 RIDGE = 1e-13
 #: A sample with fewer bodies tells nothing that a fit needs.
 LEAST_BODIES = 3
+#: Noise is taken to be at least this, so that exact tracks can be weighted: rounding. [m], [rad]
+LEAST_NOISE = (1e-10, 1e-9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +75,43 @@ class Samples:
     def weights(self) -> Array:
         """One over the noise of each of six residuals, (6,)."""
         return np.repeat(1.0 / np.array(self.sigmas), 3)
+
+
+def seen_samples(tracks: Tracks, axes: Axes, home: Home, robot: Robot) -> tuple[Samples, Array]:
+    """Gather the poses of the linkage's bodies, without what the hinges found far off.
+
+    Returns:
+        the samples, and a first guess of their joint positions, (n, n_moving) [rad]
+    """
+    bodies = list(robot.markers)
+    poses = np.stack([tracks.poses[body] for body in bodies], axis=1)
+    seen = np.asarray(np.isfinite(poses).all(axis=(2, 3)))
+    for i, body in enumerate(bodies):
+        fits = [axes.fits[name] for name in axes.linkage.carried[body] if name in axes.fits]
+        seen[:, i] &= np.stack([fit.used for fit in fits]).any(axis=0)
+    poses = np.where(seen[..., None, None], poses, np.eye(4))
+    enough = seen.sum(axis=1) >= min(LEAST_BODIES, len(bodies))
+    position, rotation = axes.noise
+    sigmas = (max(position, LEAST_NOISE[0]), max(rotation, LEAST_NOISE[1]))
+    some = Samples(poses[enough], seen[enough], home.samples[enough], sigmas, axes.widened)
+    return some, _first_positions(axes, home)[enough]
+
+
+def _first_positions(axes: Axes, home: Home) -> Array:
+    """Guess the joint positions from the hinges' angles, (n, n_moving) [rad]."""
+    loops = axes.linkage
+    columns = list(loops.joints)
+    normal = np.zeros((len(home.samples), len(columns), len(columns)))
+    right = np.zeros((len(home.samples), len(columns)))
+    for name, zero in home.angles.items():
+        hinge = loops.hinge[name]
+        row = (loops.turns[hinge.body_b] - loops.turns[hinge.body_a])[columns]
+        away = np.angle(np.exp(1j * (axes.angles(name) - zero.value)))
+        known = np.isfinite(away)
+        normal += known[:, None, None] * np.outer(row, row)
+        right += np.where(known, away, 0.0)[:, None] * row
+    normal += 1e-9 * np.eye(len(columns))
+    return np.asarray(np.linalg.solve(normal, right[..., None])[..., 0], dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +189,7 @@ def register(robot: Robot, samples: Samples, camera: Array, q: Array) -> Registe
 
 
 def nuisance_slopes(expected: Array, rates: Array) -> Array:
-    """Return how residuals follow a small move of the ground and the joints, (.., nb, 6, 6 + m).
+    """Return the derivative of residuals by ground and joints, (.., nb, 6, 6 + m).
 
     The residual that they explain is slope @ (shift, turn, joints).
     """
@@ -250,7 +291,7 @@ class Problem:
         return slice(at, at + 6)
 
     def expected(self, step: Array) -> Array:
-        """Return where the markers are at a step, (g, n_bodies, 4, 4)."""
+        """Return the markers' poses at a step, (g, n_bodies, 4, 4)."""
         return self.in_bins(step)[self.groups.bins]
 
     def in_bins(self, step: Array) -> Array:
@@ -278,7 +319,7 @@ class Eliminated:
 
 
 def eliminate(problem: Problem) -> Eliminated:
-    """Return what takes camera pose and joint positions out of a problem."""
+    """Return the projections that take camera pose and joint positions out of a problem."""
     robot, groups = problem.robot, problem.groups
     expected = marker_poses(robot, mechanism_of(robot), groups.q)
     rates = marker_rates(robot, mechanism_of(robot), groups.q, expected)
@@ -331,7 +372,7 @@ def slopes(problem: Problem, taken: Eliminated, step: Array) -> Array:
 
 
 def height_row(problem: Problem) -> Array:
-    """Return how the height of the datum follows the unknowns, (1, unknowns)."""
+    """Return the derivative of the datum's height by the unknowns, (1, unknowns)."""
     row = np.zeros((1, problem.free + 6 * len(problem.robot.markers)))
     row[0, problem.datum_columns] = height_slope(problem.robot, problem.level)
     return row
@@ -460,7 +501,7 @@ def _lower(
 
 
 def _left(robot: Robot, samples: Samples, found: RegisteredSamples, level: Level) -> float:
-    """Return what is left of all samples, chi-squared, and of the datum's height."""
+    """Return chi-squared of all samples and of the datum's height."""
     share = found.residuals * samples.weights * samples.seen[..., None]
     return float(np.sum(share**2)) + (height(robot, level) / HEIGHT_M) ** 2
 

@@ -14,24 +14,19 @@ the readings leave open stays near 0 with that standard deviation, and widens th
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from trocar.errors import InputError
-from trocar.geometry import (
-    inverse,
-    matrix_from_rotation_vector,
-    nearest_rotation,
-    skew,
-    transform,
-)
+from trocar.fitting.adjust import Adjustable, Block, Values, adjust, layout
+from trocar.geometry import inverse, nearest_rotation, skew, transform
 from trocar.geometry.rotations import rpy_from_matrix
+from trocar.geometry.se3 import translation
 from trocar.kinematics.forward import pose
-from trocar.robot.calibration.axes import Value, slopes
+from trocar.robot.calibration.axes import Value
 from trocar.robot.calibration.robot import pose_residuals
 from trocar.robot.calibration.touches import TouchReadings
 
@@ -171,60 +166,78 @@ def _placed(T: Array, covariance: Array) -> dict[str, Any]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Unknowns:
-    """Unknowns of one arm: its base (6), the tip (3), the board (6), or neither; then offsets."""
+class _ReadingsModel:
+    """Readings of one arm, of these unknowns.
+
+    base     T_reference_base
+    tip      of touches, unless it is given: in the arm's tip frame, (3,) [m]
+    board    of boards: T_tip_board
+    offsets  of all joints but the first, (n_offsets,) [rad or m]
+    """
 
     readings: TouchReadings
-    base: Array
-    tip: Array
 
     @property
-    def placed(self) -> int:
-        """How many unknowns base and tip have."""
+    def problem(self) -> Adjustable:
+        """The least-squares problem.
+
+        A millimetre, and 10 mrad over a board of 0.1 m, until the readings show their noise.
+        """
+        arm, noise = self.readings.arm, {"position": 1e-3}
         if self.readings.boards is not None:
-            return 12
-        return 9 if self.readings.tip is None else 6
+            noise["rotation"] = 1e-2
+        kinds = np.array([joint.kind for joint in arm.joints[1 : arm.own_joints]])
+        return Adjustable(
+            blocks=self.blocks,
+            noise=noise,
+            least={"position": RESOLVED_M, "rotation": RESOLVED_RAD},
+            priors={"offsets": np.where(kinds == "prismatic", OFFSET_M, OFFSET_RAD)},
+        )
 
-    @property
-    def prior(self) -> Array:
-        """Standard deviations that offsets have beforehand, (n_offsets,) [rad or m]."""
-        arm = self.readings.arm
-        kinds = [joint.kind for joint in arm.joints[1 : arm.own_joints]]
-        return np.array([OFFSET_M if kind == "prismatic" else OFFSET_RAD for kind in kinds])
+    def tip(self, values: Values) -> Array:
+        """Return the pose of the touching tip or the board in the arm's tip frame, (4, 4)."""
+        if "board" in values:
+            return values["board"]
+        point = self.readings.tip if self.readings.tip is not None else values["tip"]
+        return translation(point)
 
-    def at(self, x: Array) -> tuple[Array, Array, Array]:
-        """Return base and tip, (4, 4), and tip poses in the base, (n, 4, 4)."""
-        placed, mine = self.placed, self.readings
-        base = self.base @ transform(matrix_from_rotation_vector(x[3:6]), x[:3])
-        turn = matrix_from_rotation_vector(x[9:12]) if placed == 12 else np.eye(3)
-        shift = x[6:9] if placed > 6 else np.zeros(3)
-        tip = self.tip @ transform(turn, shift)
+    def blocks(self, values: Values) -> dict[str, Block]:
+        """Return measured less expected positions [m], and rotations of boards [rad]."""
+        mine = self.readings
         q = mine.q.copy()
-        q[:, 1 : mine.arm.own_joints] += x[placed:]
-        return base, tip, pose(mine.arm.mechanism, q)
-
-    def left(self, x: Array) -> Array:
-        """Return measured less expected: (n, 3) of touches [m], (n, 6) of boards [m, rad]."""
-        base, tip, at = self.at(x)
-        expected = base @ at @ tip
-        if self.readings.points is not None:
-            return self.readings.points - expected[:, :3, 3]
-        return pose_residuals(cast(Array, self.readings.boards), expected)
+        q[:, 1 : mine.arm.own_joints] += values["offsets"]
+        expected = values["base"] @ pose(mine.arm.mechanism, q) @ self.tip(values)
+        if mine.boards is None:
+            return {"position": Block((cast(Array, mine.points) - expected[:, :3, 3]).ravel())}
+        left = pose_residuals(mine.boards, expected)
+        return {
+            "position": Block(left[:, :3].ravel()),
+            "rotation": Block(left[:, 3:].ravel()),
+        }
 
 
 def _base(name: str, mine: TouchReadings) -> Base:
-    arm = mine.arm
-    model, x, covariance, left = _fit(name, _start(name, mine))
-    sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    arm, model = mine.arm, _ReadingsModel(mine)
+    start = _start(name, mine)
+    size = 3 if mine.boards is None else 6
+    unknowns, readings = layout(start)["offsets"].stop, size * len(mine.q)
+    if readings <= unknowns:
+        raise InputError(
+            f"{name}: got {len(mine.q)} readings for {unknowns} unknowns; required: at least"
+            f" {unknowns // size + 1}, better three times as many"
+        )
+    found = adjust(model.problem, start, ROUNDS)
+    values = found.values
     offsets = {
         joint.name: Value(float(value), float(own))
         for joint, value, own in zip(
-            arm.joints[1 : arm.own_joints], x[model.placed :], sigma[model.placed :], strict=True
+            arm.joints[1 : arm.own_joints], values["offsets"], found.sigma("offsets"), strict=True
         )
     }
-    base, tip, _ = model.at(x)
-    away = np.linalg.norm(left[:, :3], axis=1)
-    free = 1.0 - model.placed / left.size
+    sigma, names = found.sigma("base"), list(offsets)
+    shape = next((n for n in ("tip", "board") if n in values), None)
+    left = {block: part.reshape(-1, 3) for block, part in found.residuals.items()}
+    away = np.linalg.norm(left["position"], axis=1)
     if np.median(away) > WRONG_M:
         raise InputError(
             f"{name}: half of the readings miss by more than {1e3 * np.median(away):.1f} mm;"
@@ -242,78 +255,31 @@ def _base(name: str, mine: TouchReadings) -> Base:
         + (f": is the point {mine.names[i]}?" if mine.names else "")
         for i in np.flatnonzero(away > FAR * max(float(np.median(away)), RESOLVED_M))
     ]
-    rms = [
-        float(np.sqrt(np.mean(part**2) / free)) if part.size else 0.0
-        for part in (left[:, :3], left[:, 3:])
-    ]
+    free = 1.0 - (unknowns - len(offsets)) / readings
+    rms = {block: float(np.sqrt(np.mean(part**2) / free)) for block, part in left.items()}
     return Base(
         arm=arm.name,
         frame=arm.mechanism.reference,
-        pose=base,
-        covariance=covariance[:6, :6],
+        pose=values["base"],
+        covariance=found.covariance_of("base"),
         offsets=offsets,
-        undetermined=tuple(
-            name
-            for (name, value), prior in zip(offsets.items(), model.prior, strict=True)
-            if value.sigma > OPEN_PART * prior
-        ),
-        tip=tip[:3, 3],
-        tip_sigma=sigma[6:9] if model.placed > 6 else np.zeros(3),
-        position_rms=rms[0],
-        rotation_rms=rms[1],
+        undetermined=tuple(names[i] for i in found.undetermined("offsets", OPEN_PART)),
+        tip=model.tip(values)[:3, 3],
+        tip_sigma=np.zeros(3) if shape is None else found.sigma(shape)[:3],
+        position_rms=rms["position"],
+        rotation_rms=rms.get("rotation", 0.0),
         readings=len(mine.q),
         warnings=tuple(warnings),
-    )  # fmt: skip
+    )
 
 
-def _fit(name: str, model: _Unknowns) -> tuple[_Unknowns, Array, Array, Array]:
-    """Fit an arm's unknowns; of boards, position and rotation are weighted by what is left.
-
-    Returns:
-        the model at its base and tip; the unknowns, of which only offsets are not 0 there; their
-        covariance; residuals
-    """
-    mine = model.readings
-    size = 3 if mine.points is not None else 6
-    x, count = np.zeros(model.placed + len(model.prior)), size * len(mine.q)
-    if count <= len(x):
-        raise InputError(
-            f"{name}: got {len(mine.q)} readings for {len(x)} unknowns; required: at least"
-            f" {len(x) // size + 1}, better three times as many"
-        )
-    # A millimetre, and 10 mrad over a board of 0.1 m, until the readings show their noise.
-    weight = np.array([1e3, 1e3, 1e3, 1e2, 1e2, 1e2])[:size]
-
-    def rows(x: Array) -> Array:
-        return np.concatenate([(model.left(x) * weight).ravel(), x[model.placed :] / model.prior])
-
-    for _ in range(ROUNDS):
-        solved = least_squares(
-            rows, x, jac=cast(Any, lambda y: slopes(rows, y)), x_scale="jac"
-        )  # scipy takes a function; its stubs do not say so
-        x = np.asarray(solved.x, dtype=np.float64)
-        left = model.left(x).reshape(len(mine.q), -1, 3)
-        scale = np.sqrt(np.mean(left**2, axis=(0, 2)) / (1.0 - model.placed / count))
-        weight = np.repeat(1.0 / np.maximum(scale, [RESOLVED_M, RESOLVED_RAD][: len(scale)]), 3)
-    base, tip, _ = model.at(x)
-    model = replace(model, base=base, tip=tip)
-    x[: model.placed] = 0.0
-    jacobian = slopes(rows, x)
-    # Directions that the readings leave open get a deviation that shows it.
-    values, vectors = np.linalg.eigh(jacobian.T @ jacobian)
-    covariance = (vectors / np.maximum(values, 1e-6)) @ vectors.T
-    return model, x, np.asarray(covariance, dtype=np.float64), model.left(x)
-
-
-def _start(name: str, mine: TouchReadings) -> _Unknowns:
-    """Return a model at a first guess of base and tip, without offsets."""
-    at = pose(mine.arm.mechanism, mine.q)
+def _start(name: str, mine: TouchReadings) -> dict[str, Array]:
+    """Return a first guess of base and tip, without offsets."""
+    at, offsets = pose(mine.arm.mechanism, mine.q), np.zeros(mine.arm.own_joints - 1)
     if mine.boards is not None:
-        base, tip = hand_eye(at, mine.boards)
-        return _Unknowns(mine, base, tip)
+        base, board = hand_eye(at, mine.boards)
+        return {"base": base, "board": board, "offsets": offsets}
     points = cast(Array, mine.points)
-    tip = np.eye(4)
-    tip[:3, 3] = np.zeros(3) if mine.tip is None else mine.tip
     distinct = np.unique(points, axis=0)
     spread = np.linalg.svd(distinct - distinct.mean(axis=0))[1]
     if len(distinct) < 3 or spread[1] < 1e-3:
@@ -321,7 +287,9 @@ def _start(name: str, mine: TouchReadings) -> _Unknowns:
             f"{name}: touched {len(distinct)} points that lie on a line or coincide; required: at"
             " least three that do not"
         )
-    return _Unknowns(mine, _onto((at @ tip)[:, :3, 3], points), tip)
+    tip = np.zeros(3) if mine.tip is None else mine.tip
+    base = _onto((at @ translation(tip))[:, :3, 3], points)
+    return {"base": base, **({} if mine.tip is not None else {"tip": tip}), "offsets": offsets}
 
 
 def _onto(points: Array, others: Array) -> Array:

@@ -17,9 +17,19 @@ from trocar.plotting.drawing import MEASURED, PALETTE, SETPOINT, new_figure, svg
 from trocar.robot.calibration.calibrate import Calibration
 from trocar.robot.calibration.checks import distance_bound
 from trocar.robot.calibration.linkage import home_points, shift_rows
-from trocar.robot.calibration.rcm import CloudPoint, RcmReport, centre_samples, over_cells
-from trocar.robot.calibration.rcm_frame import Table7, centre_links, own_wander
-from trocar.robot.calibration.rcm_split import MOST, Split, split_centre
+from trocar.robot.calibration.rcm import (
+    MOST,
+    CloudPoint,
+    RcmReport,
+    Split,
+    Table7,
+    centre_links,
+    centre_samples,
+    over_cells,
+    own_wander,
+    split_centre,
+)
+from trocar.robot.calibration.robot import lengths_only
 
 Array = NDArray[np.float64]
 
@@ -29,7 +39,7 @@ PLACES = 61
 
 
 def check_report(folder: str | Path, overwrite: bool = False) -> Path:
-    """Return where a report goes, before anything is computed for it.
+    """Return the path of a report, before anything is computed for it.
 
     Raises:
         InputError: the folder is a file, or holds a report that may not be replaced
@@ -131,8 +141,8 @@ def _sides(found: Calibration) -> str:
 def _axes(found: Calibration) -> str:
     rows = [
         [
-            found.axes.linkage.hinge(name).label,
-            f"{found.axes.linkage.hinge(name).body_a} - {found.axes.linkage.hinge(name).body_b}",
+            found.axes.linkage.hinge[name].label,
+            f"{found.axes.linkage.hinge[name].body_a} - {found.axes.linkage.hinge[name].body_b}",
             f"{fit.span:.3f}",
             f"{fit.condition:.0f}",
             f"{MM * fit.residual_position:.4f}",
@@ -158,7 +168,7 @@ def _centre(found: Calibration, seen: RcmReport, arm: ArmDescription) -> str:
         text += _wander(seen.wander, found, seen, arm)
     if seen.table7 is None or not seen.cloud:
         return text + '<p class="quiet">Yaw or pitch axis is unknown.</p>'
-    split = split_centre(found, seen, arm)
+    split = centre_parts(found, seen, arm)
     text += _frame(seen.table7, split) + _positions(seen.table7, split)
     text += _spreads(seen.table7, split)
     caption = (
@@ -167,6 +177,19 @@ def _centre(found: Calibration, seen: RcmReport, arm: ArmDescription) -> str:
     )
     dots, crosses = over_cells(split.q, split.cloud), over_cells(split.q, split.own.cloud)
     return text + pages.picture(draw_clouds(dots, crosses), caption)
+
+
+def centre_parts(found: Calibration, seen: RcmReport, arm: ArmDescription) -> Split:
+    """Split the remote centre of a calibration by cause.
+
+    Args:
+        found: the calibration
+        seen: its remote centre, with Table 7
+        arm: the description that was calibrated
+    """
+    on = seen.hinges.base_axis if found.closure == "general" else None
+    lengths = lengths_only(found.refined.robot, arm, on)
+    return split_centre(seen, arm, lengths, apply_overlay(arm, found.overlay).mechanism)
 
 
 def _wander(seen: WanderFit, found: Calibration, report: RcmReport, arm: ArmDescription) -> str:
@@ -282,7 +305,7 @@ def draw_set_up(found: Calibration) -> str:
     points = home_points(linkage, robot.moved)
     shifts = shift_rows(linkage)
     for colour, body in zip(PALETTE * 3, linkage.bodies, strict=False):
-        drawn = MM * np.stack([linkage.points[name] for name in linkage.carried(body)])
+        drawn = MM * np.stack([linkage.points[name] for name in linkage.carried[body]])
         axis.plot(*_ring(drawn).T, color=DRAWN, linewidth=1.0, linestyle="--", zorder=1)
         here = [points[s] for s in points if s.body == body]
         axis.plot(*_ring(MM * np.stack(here)).T, color=colour, linewidth=4, alpha=0.55, zorder=2)

@@ -1,4 +1,11 @@
-"""One robot: its linkage, where markers sit on it, and where they go by the closed kinematics."""
+"""One robot: its linkage, where markers sit on it, where they go, and where it stands on its arm.
+
+The sweep of the loops alone says how the axes stand to one another, not how the whole stands on the
+arm. Where the description has a remote centre (a slide on a link of the loops whose line passes the
+arm's reference point at every joint position), the calibrated linkage is placed so that its own
+remote centre is there, in the direction from its first axis that the description has, and the slide
+passes it as before. Elsewhere the first axis of the ground stays, and its direction to the next.
+"""
 
 from __future__ import annotations
 
@@ -9,23 +16,36 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from trocar.descriptions import ArmDescription
+from trocar.descriptions.axis_lines import home_lines, line_distance
+from trocar.descriptions.calibration_plan import Pair
 from trocar.descriptions.frames import pin_frame, pinned
 from trocar.geometry import inverse, skew, transform
+from trocar.kinematics.forward import poses
 from trocar.kinematics.loops import closed_coordinates, loops_are_parallelograms
-from trocar.kinematics.mechanism import Mechanism
+from trocar.kinematics.mechanism import Frame, Mechanism
 from trocar.kinematics.tree import frame_poses
-from trocar.robot.calibration.axes import Axes
+from trocar.robot.calibration.axes import (
+    BaseAxis,
+    FlatAxes,
+    planar_fit,
+    planar_turn,
+    shared_body,
+)
 from trocar.robot.calibration.linkage import (
     LoopedPart,
     Slot,
+    bodies_of,
+    displacements,
     freedoms,
+    home_points,
+    in_frame,
     place_rows,
     rebuilt,
     shift_rows,
     slots,
     unskew,
 )
-from trocar.robot.calibration.zero_pose import Home, in_plane, planar_fit, planar_turn
 
 Array = NDArray[np.float64]
 
@@ -75,20 +95,32 @@ def displaced(robot: Robot, basis: Array, tilted: Sequence[str], step: Array) ->
     return replace(robot, moved=robot.moved + (basis @ step[:free]).reshape(-1, 2), tilts=tilts)
 
 
-def first_guess(axes: Axes, home: Home, parallelogram: bool, datum: Array) -> Robot:
+def first_guess(
+    linkage: LoopedPart,
+    axes: FlatAxes,
+    home: Mapping[str, Array],
+    datum: Array,
+    parallelogram: bool,
+) -> Robot:
     """Fit a closed linkage to the axes at home.
 
     What the tracks do not show stays as the description has it. Along the axes, the linkage stands
-    so that the datum, (3,) as `home` has it [m], is level with the origin of the first axis' frame.
+    so that the datum is level with the origin of the first axis' frame.
+
+    Args:
+        linkage: the description's
+        axes: at home
+        home: {body: T_first_body (4, 4)} of each body's markers
+        datum: in the frame of `home`, (3,) [m]
+        parallelogram: whether the loops close by the couplings alone
     """
-    linkage = axes.linkage
-    flat, first_plane = in_plane(axes, home)
+    flat, first_plane = axes.points, axes.plane.copy()
     up = first_plane[:3, 2]
     first_plane[:3, 3] += (up @ (datum - first_plane[:3, 3])) * up
     keys = list(flat)
     places = place_rows(linkage)
     # Of a frame's hinge both bodies have the same place.
-    hinges = [linkage.hinge(name) for name, _ in keys]
+    hinges = [linkage.hinge[name] for name, _ in keys]
     at = [
         Slot(h.name, b if h.closure else h.body_a) for h, (_, b) in zip(hinges, keys, strict=True)
     ]
@@ -120,7 +152,7 @@ def first_guess(axes: Axes, home: Home, parallelogram: bool, datum: Array) -> Ro
     ground_first = onto @ inverse(first_plane)
     shifts = shift_rows(linkage)
     markers: dict[str, Array] = {}
-    for body, pose in home.poses.items():
+    for body, pose in home.items():
         frame = linkage.frames[linkage.bodies[body]].copy()
         frame[:3, 3] += linkage.plane[:, :2] @ (shifts[body] @ moved)
         markers[body] = inverse(frame) @ ground_first @ pose
@@ -166,7 +198,8 @@ def marker_poses(robot: Robot, mechanism: Mechanism, q: Array) -> Array:
     Returns:
         (n, n_bodies, 4, 4), in the order of `robot.markers`
     """
-    at = body_poses(robot.linkage, mechanism, _coordinates(robot, mechanism, q))
+    coordinates = _coordinates(robot, mechanism, q)
+    at = body_poses(robot.linkage, mechanism, coordinates)
     return np.stack([at[body] @ X for body, X in robot.markers.items()], axis=1)
 
 
@@ -198,7 +231,7 @@ def _coordinates(robot: Robot, mechanism: Mechanism, q: Array) -> Array:
 
 
 def marker_rates(robot: Robot, mechanism: Mechanism, q: Array, at: Array) -> Array:
-    """Return how the markers move with the joints, (n, n_bodies, 6, n_moving).
+    """Return the markers' velocities by the joints, (n, n_bodies, 6, n_moving).
 
     The rows are the velocity of the markers' origin and the angular velocity, in the ground's axes.
     """
@@ -213,7 +246,7 @@ def marker_rates(robot: Robot, mechanism: Mechanism, q: Array, at: Array) -> Arr
 
 
 def pose_residuals(measured: Array, expected: Array) -> Array:
-    """Return what turns expected poses into measured ones, (..., 6) [m, rad] in outer axes."""
+    """Return measured less expected poses, (..., 6) [m, rad] in outer axes."""
     turn = measured[..., :3, :3] @ np.swapaxes(expected[..., :3, :3], -1, -2)
     sine = unskew(turn)
     size = np.linalg.norm(sine, axis=-1)
@@ -222,6 +255,35 @@ def pose_residuals(measured: Array, expected: Array) -> Array:
     factor = np.where(size > 1e-12, angle / np.maximum(size, 1e-300), 1.0)
     away = (measured - expected)[..., :3, 3]
     return np.concatenate([away, sine * factor[..., None]], axis=-1)
+
+
+def closed_distances(robot: Robot, pairs: Mapping[str, Pair]) -> dict[str, float]:
+    """Return the distances of axes in the closed geometry, {label: [m]}."""
+    found = _flat_distances(robot, pairs)
+    if not robot.tilts:
+        return found
+    lines = home_lines(mechanism_of(robot), {h.name: h.name for h in robot.linkage.hinges})
+    through = lines[robot.linkage.first].point
+    at = {label: [lines[name] for name in pairs[label]] for label in found}
+    return {label: line_distance(one, two, through) for label, (one, two) in at.items()}
+
+
+def _flat_distances(robot: Robot, pairs: Mapping[str, Pair]) -> dict[str, float]:
+    """Return the same where all axes are parallel."""
+    points = home_points(robot.linkage, robot.moved)
+    found: dict[str, float] = {}
+    for label, (one, two) in pairs.items():
+        body = shared_body(robot.linkage, one, two)
+        if body is not None:
+            between = points[Slot(one, body)] - points[Slot(two, body)]
+            found[label] = float(np.linalg.norm(between))
+    return found
+
+
+def nominal_distances(linkage: LoopedPart, pairs: Mapping[str, Pair]) -> dict[str, float]:
+    """Return the axis distances in the description, {label: [m]}."""
+    drawn = Robot(linkage, np.zeros((len(slots(linkage)), 2)), {}, {})
+    return _flat_distances(drawn, pairs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,7 +312,7 @@ def level_of(robot: Robot, points: Mapping[str, Array]) -> Level:
 
 
 def height(robot: Robot, level: Level) -> float:
-    """Return how far along the axes the datum is from the linkage's plane [m]."""
+    """Return the datum's height over the linkage's plane, along the axes [m]."""
     linkage, marker = robot.linkage, robot.markers[level.body]
     frame = linkage.frames[linkage.bodies[level.body]]
     at = frame[:3, :3] @ (marker[:3, :3] @ level.point + marker[:3, 3]) + frame[:3, 3]
@@ -258,7 +320,7 @@ def height(robot: Robot, level: Level) -> float:
 
 
 def height_slope(robot: Robot, level: Level) -> Array:
-    """Return how the height follows a shift and a turn of the body's markers, (6,)."""
+    """Return the derivative of the height by a shift and a turn of the body's markers, (6,)."""
     linkage, turn = robot.linkage, robot.markers[level.body][:3, :3]
     up = linkage.plane[:, 2] @ linkage.frames[linkage.bodies[level.body]][:3, :3] @ turn
     return np.concatenate([up, -up @ skew(level.point)])
@@ -318,3 +380,160 @@ def _pin_line(a: Array, b: Array) -> Array:
     left = np.concatenate([a[:, :2, :2], -b[:, :2, :2]], axis=2).reshape(-1, 4)
     right = (b[:, :2, 2] - a[:, :2, 2]).ravel()
     return np.asarray(np.linalg.lstsq(left, right, rcond=1e-6)[0], dtype=np.float64)
+
+
+# Source: our own choice; a description whose slide passes its reference point is exact to rounding.
+PASSES_M = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Centre:
+    """The remote centre of a description.
+
+    Attributes:
+        body: the body of the loops that turns about it
+        slide: the frame that slides through it
+        base: the body on which it rests
+        point: in the plane of the linkage at home, (2,) [m]
+        start: the ground's first hinge, in the same plane (2,) [m]
+        turns: the frame that is the first of the ground's body, and turns it
+        axis: about which it turns, where tracks show it and the linkage is to stand on it
+    """
+
+    body: str
+    slide: str
+    base: str
+    point: Array
+    start: Array
+    turns: str
+    axis: BaseAxis | None = None
+
+
+def remote_centre_of(arm: ArmDescription, linkage: LoopedPart) -> Centre | None:
+    """Return the remote centre that a description is built for, None where there is none."""
+    mechanism, body_of = arm.mechanism, bodies_of(arm)
+    q = swept(linkage, mechanism)
+    every = poses(mechanism, q, mechanism.reference)
+    ground = poses(mechanism, linkage.rest, linkage.bodies[linkage.ground])
+    base = body_of[mechanism.reference]
+    if base in linkage.bodies and base != linkage.ground:
+        return None
+    for frame in mechanism.frames:
+        body = body_of.get(str(frame.parent), "")
+        if frame.motion != "prismatic" or body not in linkage.bodies:
+            continue
+        axis = every[str(frame.parent)] @ frame.before
+        along, at = axis[..., :3, 2], axis[..., :3, 3]
+        if np.linalg.norm(np.cross(at, along), axis=-1).max() < PASSES_M:
+            point = linkage.plane[:, :2].T @ ground[mechanism.reference][:3, 3]
+            start = linkage.points[linkage.hinges[0].name]
+            return Centre(body, frame.name, base, point, start, linkage.bodies[linkage.ground])
+    return None
+
+
+def still_point(robot: Robot, body: str) -> tuple[Array, float]:
+    """Find the point of a body that moves least in the ground, over a sweep of the joints.
+
+    Returns:
+        it at home, in the plane (2,) [m]; and the root of its mean squared distance from there [m]
+    """
+    linkage, mechanism = robot.linkage, mechanism_of(robot)
+    q = swept(linkage, mechanism)
+    at = body_poses(linkage, mechanism, closed_coordinates(mechanism, q))
+    pose = linkage.plane.T @ at[body][..., :3, :]
+    # In the plane: turn @ tip + place = post, for the body's tip and the ground's post.
+    turn = pose[:, :2, :3] @ linkage.frames[linkage.bodies[body]][:3, :3].T @ linkage.plane[:, :2]
+    place = pose[:, :2, 3]
+    left = np.concatenate([turn, -np.tile(np.eye(2), (len(q), 1, 1))], axis=2).reshape(-1, 4)
+    found = np.asarray(np.linalg.lstsq(left, -place.ravel(), rcond=None)[0], dtype=np.float64)
+    away = turn @ found[:2] + place - found[2:]
+    return found[2:], float(np.sqrt(np.mean(np.sum(away**2, axis=1))))
+
+
+def placed(robot: Robot, centre: Centre | None) -> Robot:
+    """Return the robot with its linkage placed on its arm; its markers do not follow."""
+    if centre is None:
+        return robot
+    linkage = robot.linkage
+    points = home_points(linkage, robot.moved)
+    own, _ = still_point(robot, centre.body)
+    turn, goal, lean = _stand(robot, centre, points, own)
+    moved = displacements(
+        linkage, {slot: turn @ (points[slot] - own) + goal for slot in slots(linkage)}
+    )
+    tilts = {name: turn @ tilt for name, tilt in robot.tilts.items()}
+    if lean.any():
+        for hinge in linkage.hinges:
+            if not hinge.closure and hinge.body_a == linkage.ground:
+                tilts[hinge.name] = tilts.get(hinge.name, np.zeros(2)) + lean
+    return replace(robot, moved=moved, tilts=tilts)
+
+
+def _stand(
+    robot: Robot, centre: Centre, points: Mapping[Slot, Array], own: Array
+) -> tuple[Array, Array, Array]:
+    """Return how the linkage is turned, where its remote centre goes, and how far it leans.
+
+    Without a measured axis the centre goes to the description's, and its direction from the first
+    hinge too. With one, the linkage stands on the arm's axis as it does on the measured one; how
+    far along and which way about it are the description's.
+    """
+    linkage = robot.linkage
+    first = linkage.hinges[0]
+    if centre.axis is None:
+        have = own - points[Slot(first.name, first.body_a)]
+        return _onto(have, centre.point - centre.start), centre.point, np.zeros(2)
+    frame = linkage.mechanism.frame(centre.turns)
+    drawn = linkage.plane.T @ np.linalg.inv(frame.after)[:3, 2:]  # the axis, a point of it
+    markers = robot.markers[linkage.ground]
+    along = linkage.plane.T @ (markers[:3, :3] @ centre.axis.direction)
+    at = linkage.plane.T @ (markers[:3, :3] @ centre.axis.point + markers[:3, 3])
+    turn = _onto(along[:2], drawn[:2, 0])
+    up = drawn[:2, 0] / np.linalg.norm(drawn[:2, 0])
+    across = np.array([-up[1], up[0]])
+    # Across the axis the centre is as far off as measured, along it where the description has it.
+    off = across @ (turn @ (own - at[:2])) + across @ drawn[:2, 1]
+    goal = up * (up @ centre.point) + across * off
+    return turn, goal, along[2] * across
+
+
+def _onto(have: Array, want: Array) -> Array:
+    """Return the rotation that brings one direction of the plane to another, (2, 2)."""
+    return planar_turn(float(np.arctan2(have[0] * want[1] - have[1] * want[0], have @ want)))
+
+
+def calibrated(arm: ArmDescription, robot: Robot, centre: Centre | None) -> Mechanism:
+    """Return the whole arm's mechanism with the calibrated linkage in it."""
+    linkage, there = robot.linkage, placed(robot, centre)
+    mechanism = rebuilt(linkage, arm.mechanism, there.moved, there.tilts)
+    if centre is None:
+        return mechanism
+    own, _ = still_point(there, centre.body)
+    shift = shift_rows(linkage)[centre.body] @ there.moved - (own - centre.point)
+
+    def follow(frame: Frame) -> Frame:
+        if frame.name != centre.slide:
+            return frame
+        before = frame.before.copy()
+        before[:3, 3] -= in_frame(linkage, str(frame.parent), shift)
+        return replace(frame, before=before)
+
+    return replace(mechanism, frames=tuple(follow(frame) for frame in mechanism.frames))
+
+
+def lengths_only(robot: Robot, arm: ArmDescription, on: BaseAxis | None) -> Mechanism:
+    """Return a calibrated arm none of whose axes leans out of the plane of its linkage.
+
+    Args:
+        robot: as calibrated
+        arm: the description that was calibrated
+        on: the axis that the calibrated linkage stands on, where it was measured
+    """
+    robot, linkage = replace(robot, tilts={}), robot.linkage
+    centre = remote_centre_of(arm, linkage)
+    if centre is not None and on is not None:
+        markers = robot.markers[linkage.ground][:3, :3]
+        up = markers.T @ linkage.plane[:, 2]
+        flat = on.direction - (on.direction @ up) * up
+        centre = replace(centre, axis=replace(on, direction=flat / np.linalg.norm(flat)))
+    return calibrated(arm, robot, centre)

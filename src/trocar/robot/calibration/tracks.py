@@ -49,11 +49,11 @@ class Tracks:
     warnings: tuple[str, ...] = ()
 
     def tracked(self, body: str) -> NDArray[np.bool_]:
-        """Tell at which samples a body is tracked, (n,)."""
+        """Return the samples at which a body is tracked, (n,)."""
         return ~np.isnan(self.poses[body][:, 0, 0])
 
     def together(self, *bodies: str) -> NDArray[np.bool_]:
-        """Tell at which samples all of some bodies are tracked, (n,)."""
+        """Return the samples at which all of some bodies are tracked, (n,)."""
         return np.logical_and.reduce([self.tracked(body) for body in bodies])
 
     def coverage(self, body: str) -> str:
@@ -193,15 +193,21 @@ def thinned(tracks: Tracks, most: int = 600) -> Tracks:
 
 
 def check_together(tracks: Tracks, first: str, second: str, needed: int = 1) -> None:
-    """Refuse two bodies that are not tracked at the same time often enough.
+    """Reject two bodies that are not tracked at the same time often enough.
 
     Raises:
-        TracksError: saying when each of them is tracked
+        TracksError: with the samples in which each of them is tracked
     """
     count = int(tracks.together(first, second).sum())
-    if count < needed:
+    if count >= needed:
+        return
+    if first == second:
         raise TracksError(
             tracks.file,
-            f"{first} and {second} are tracked together in {count} samples; needed: {needed}"
-            f" ({first}: {tracks.coverage(first)}; {second}: {tracks.coverage(second)})",
+            f"{first} is tracked in {count} samples; needed: {needed} ({tracks.coverage(first)})",
         )
+    raise TracksError(
+        tracks.file,
+        f"{first} and {second} are tracked together in {count} samples; needed: {needed}"
+        f" ({first}: {tracks.coverage(first)}; {second}: {tracks.coverage(second)})",
+    )

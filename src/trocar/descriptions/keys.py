@@ -45,10 +45,10 @@ UNITS: dict[str, dict[str, float]] = {
     "frequency": {"hz": 1.0},
 }
 
-#: Forms of values: "direction" is a vector of any length, "weights" a table of numbers, "any" is
-#: checked by the reader of the record.
+#: Forms of values: a "name" is a text that is not empty, a "direction" a vector of any length,
+#: "weights" are a table of numbers; the reader of the record checks "any".
 Form = Literal[
-    "text", "texts", "flag", "number", "whole", "numbers", "direction", "weights", "any"
+    "text", "name", "texts", "flag", "number", "whole", "numbers", "direction", "weights", "any"
 ]
 #: Forms of values by the type of their field; a Literal is a text of few choices.
 FORMS: dict[object, Form] = {
@@ -116,6 +116,8 @@ class Key:
         scale = self.scale
         low = self.above if self.least is None else self.least
         word = "" if low is None else f"{'' if self.above is None else 'above '}{low / scale:g}"
+        if self.most is None and self.form == "whole" and self.least is not None:
+            return f"{self.least:g}, {self.least + 1:g}, {self.least + 2:g} and so on"
         if self.most is None:
             return word if self.above is not None else f"{word} or more"
         return f"{word} to {self.most / scale:g}{self._unit}".strip()

@@ -16,7 +16,7 @@ from trocar.descriptions.needles import Needle
 from trocar.descriptions.overlay_records import Overlay
 from trocar.descriptions.robot_errors import RobotErrors
 from trocar.descriptions.sensor_records import SensorDescription
-from trocar.descriptions.teleop_records import TeleopDescription
+from trocar.descriptions.teleops import TeleopDescription
 from trocar.descriptions.threads import ChainThread
 from trocar.descriptions.tissues import Tissue
 from trocar.errors import UnknownNameError

@@ -25,79 +25,14 @@ from trocar.descriptions.records import (
 from trocar.descriptions.robot_errors import read_robot_errors
 from trocar.descriptions.sensors import read_sensors
 from trocar.descriptions.table import Table, read_table
-from trocar.descriptions.teleop_records import SCALE, TeleopDescription, TeleopKind
+from trocar.descriptions.teleops import read_teleop
 from trocar.geometry.se3 import inverse
 from trocar.kinematics.forward import pose
 
 Array = NDArray[np.float64]
 
-KINDS: tuple[str, ...] = get_args(TeleopKind)
 GRASPS: tuple[str, ...] = get_args(GraspKind)
 DYNAMICS: tuple[str, ...] = get_args(DynamicsKind)
-#: Of a record's angles and rates: what it is called in a file, and its dimension.
-ANGLES = {
-    "orientation_tolerance": "angle",
-    "gripper_threshold": "angle",
-    "roll_threshold": "angle",
-    "jaw_rate": "angular velocity",
-    "jaw_rate_after_clutch": "angular velocity",
-    "gripper_zero": "angle",
-    "gripper_max": "angle",
-}
-
-
-def _read_teleop(row: Table, arms: Sequence[RigArm]) -> TeleopDescription:
-    kind = cast(TeleopKind, row.text("kind", allowed=KINDS))
-    masters = _masters(row, kind, {arm.name: arm.arm.type for arm in arms})
-    slave = row.text("slave")
-    type_ = kind.upper()
-    able = [arm.name for arm in arms if arm.arm.type == type_]
-    row.known("slave", slave, able or [f"none, for this rig has no {type_}"])
-    scale = row.number("scale", SCALE)
-    if not 0.0 < scale <= 1.0:
-        raise row.fail("scale", f"got {scale:g}; allowed: above 0 to 1")
-    teleop = TeleopDescription(
-        name=row.text("name", "_".join((*masters, slave))),
-        kind=kind,
-        masters=masters,
-        slave=slave,
-        scale=scale,
-        rotation_locked=row.flag("rotation_locked", False),
-        translation_locked=row.flag("translation_locked", False),
-        align=row.flag("align", True),
-        ignore_jaw=row.flag("ignore_jaw", False),
-        source=row.text("source", ""),
-        **_angles(row),
-    )
-    if teleop.gripper_zero >= teleop.gripper_max:
-        raise row.fail(
-            "gripper_zero",
-            f"got {teleop.gripper_zero:g} rad; allowed: below gripper_max, {teleop.gripper_max:g}",
-        )
-    return teleop
-
-
-def _masters(row: Table, kind: TeleopKind, types: dict[str, str]) -> tuple[str, ...]:
-    """Return who moves the slave: one `master`, or two `masters`."""
-    key = "master" if kind == "psm" else "masters"
-    masters = (row.text(key),) if kind == "psm" else row.texts(key)
-    if kind == "ecm" and len(set(masters)) != 2:
-        raise row.fail(key, f"got {list(masters)}; allowed: the left and the right master")
-    for name in masters:
-        if not name or types.get(name, "MTM") != "MTM":
-            raise row.fail(key, f"got {name!r}; allowed: an MTM, or a name that no arm has")
-    return masters
-
-
-def _angles(row: Table) -> dict[str, float]:
-    """Return those that the file gives [rad, rad/s]."""
-    return {
-        name: (row.positive if name.startswith("jaw") else row.not_negative)(name, dimension)
-        for name, dimension in ANGLES.items()
-        if row.has(name, dimension)
-    }
-
-
 #: Reads an arm by name (or path beside the rig) with a tool's name.
 ArmLoader = Callable[[str, str | None], ArmDescription]
 
@@ -128,7 +63,8 @@ def read_rig(path: Path, load_arm: ArmLoader) -> RigDescription:
     if "start" not in poses:
         raise table.fail("pose", f'got {", ".join(poses) or "none"}; a rig needs the pose "start"')
     sensors = read_sensors(table, arms, props, bands)
-    teleops = table.each("teleop", lambda row: _read_teleop(row, arms), again="name")
+    types = {arm.name: arm.arm.type for arm in arms}
+    teleops = table.each("teleop", lambda row: read_teleop(row, types), again="name")
     cameras = table.each("camera", lambda row: read_camera(row, arms), again="name")
     share = _read_test_share(table)
     reference = table.text("reference_arm", REFERENCE_ARM)

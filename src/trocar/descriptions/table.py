@@ -110,6 +110,7 @@ class Table:
         self,
         kind: type[Record],
         of: str = "",
+        /,
         *,
         turns: bool | None = None,
         defaults: Mapping[str, Any] | None = None,
@@ -400,6 +401,7 @@ class Table:
 
 
 READERS: Mapping[str, Callable[[Table, str], Any]] = {
+    "name": Table.name,
     "texts": Table.texts,
     "flag": lambda table, key: table.flag(key, False),
     "direction": Table.direction,

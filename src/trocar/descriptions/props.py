@@ -91,7 +91,7 @@ def _read_prop(row: Table, before: Sequence[Prop]) -> Prop:
     kind = row.text("kind", "shapes", allowed=("shapes", "needle", "tissue", "thread"))
     needle = read_needle(row) if kind == "needle" else None
     tissue = read_tissue(row, _needles(before)) if kind == "tissue" else None
-    thread = read_thread(row, tuple(MATERIALS)) if kind == "thread" else None
+    thread = read_thread(row) if kind == "thread" else None
     moves = row.flag("movable", thread is not None)
     if moves and tissue is not None:
         raise row.fail("movable", "got true; allowed: false, for tissue stands where it is put")

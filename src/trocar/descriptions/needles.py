@@ -49,10 +49,11 @@ class Needle:
 
     def __post_init__(self) -> None:
         """Check the dimensions."""
-        for key in ("radius", "arc", "wire", "taper"):
-            check_numbers(getattr(self, key), (), f"needle: {key}")
-        for key, problem in _faults(self.radius, self.arc, self.wire, self.taper):
-            raise InputError(f"needle: {key}: {problem}")
+        sizes = self.radius, self.arc, self.wire, self.taper
+        for size, name in zip(sizes, ("radius", "arc", "wire", "taper"), strict=True):
+            check_numbers(size, (), f"needle: {name}")
+        for name, problem in _faults(*sizes):
+            raise InputError(f"needle: {name}: {problem}")
 
     @property
     def length(self) -> float:
@@ -217,7 +218,7 @@ def _read_dimensions(row: Table) -> Needle:
 
 def _faults(radius: float, arc: float, wire: float, taper: float) -> Iterator[tuple[str, str]]:
     """Yield the names of impossible dimensions, each with what was got and what is allowed."""
-    for key, value, most, scale, unit in (
+    for name, value, most, scale, unit in (
         ("arc", arc, 2.0 * np.pi, 180.0 / np.pi, "deg"),
         ("radius", radius, 0.1, 1e3, "mm"),
         ("wire", wire, 0.5 * radius, 1e3, "mm"),
@@ -225,7 +226,7 @@ def _faults(radius: float, arc: float, wire: float, taper: float) -> Iterator[tu
     ):
         if not 0.0 < value <= most:
             yield (
-                key,
+                name,
                 f"got {scale * value:g} {unit}; allowed: above 0, up to {scale * most:g} {unit}",
             )
 

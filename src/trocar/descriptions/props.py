@@ -18,6 +18,7 @@ from trocar.descriptions.needles import Needle, read_needle
 from trocar.descriptions.plugins import registered_file
 from trocar.descriptions.records import (
     Band,
+    BandPoint,
     Body,
     Movable,
     Prop,
@@ -53,14 +54,6 @@ OBJECT_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 #: rejects hulls without volume.
 FLAT = 1e-6
 KINDS: tuple[str, ...] = get_args(PropJointKind)
-#: Dimensions of a joint's coordinate, damping and stiffness.
-DIMENSIONS = {
-    "hinge": ("angle", "angular damping", "angular stiffness"),
-    "slide": ("length", "linear damping", "linear stiffness"),
-    "ball": ("angle", "angular damping", "angular stiffness"),
-}
-#: Of a band that gives none. Source: our own choice. [m]
-BAND_RADIUS_M = 5e-4
 
 
 def read_props(rig: Table, arms: Sequence[str]) -> tuple[Prop, ...]:
@@ -172,29 +165,16 @@ def _read_joint(row: Table, before: Sequence[str]) -> PropJoint:
     kind = cast(PropJointKind, row.text("kind", allowed=KINDS))
     on = row.text("on", "world")
     row.known("on", on, ("world", *before), "no prop before this one")
-    measure, damps, springs = DIMENSIONS[kind]
-    axis, lower, upper, rest = np.zeros(3), -np.inf, np.inf, 0.0
-    if kind != "ball":
-        axis = row.direction("axis", np.array([0.0, 0.0, 1.0]))
-        if row.has("lower", measure) or row.has("upper", measure):
-            lower, upper = row.quantity("lower", measure), row.quantity("upper", measure)
-            if not lower <= 0.0 <= upper or lower == upper:
-                raise row.fail(
-                    "lower",
-                    f"got {lower:g} to {upper:g}; allowed: a range around 0, its placement",
-                )
-        rest = row.quantity("rest", measure, default=0.0)
-    joint = PropJoint(
-        kind,
-        "" if on == "world" else on,
-        row.vector("point", 3, "length", default=np.zeros(3)),
-        axis,
-        lower,
-        upper,
-        row.not_negative("damping", damps),
-        row.not_negative("stiffness", springs),
-        rest,
+    joint = row.record(
+        PropJoint, kind, turns=kind != "slide", kind=kind, on="" if on == "world" else on
     )
+    if np.isfinite([joint.lower, joint.upper]).any():
+        measure = "length" if kind == "slide" else "angle"
+        lower, upper = row.quantity("lower", measure), row.quantity("upper", measure)
+        if not lower <= 0.0 <= upper or lower == upper:
+            raise row.fail(
+                "lower", f"got {lower:g} to {upper:g}; allowed: a range around 0, its placement"
+            )
     row.done()
     return joint
 
@@ -208,29 +188,20 @@ def read_bands(rig: Table, props: Sequence[Prop]) -> tuple[Band, ...]:
     still = {prop.name for prop in props if prop.movable is None}
 
     def read(row: Table) -> Band:
-        name = row.name()
         points = row.each("point", lambda end: _read_end(end, props))
         if len(points) < 2:
             raise row.fail("point", f"got {len(points)}; allowed: two points of props, or more")
         if {prop for prop, _ in points} <= still:
             raise row.fail("point", "got points of props that stand still; allowed: a movable one")
-        return Band(
-            name,
-            points,
-            row.positive("rest_length", "length"),
-            row.positive("stiffness", "linear stiffness"),
-            row.not_negative("damping", "linear damping"),
-            row.positive("radius", "length", default=BAND_RADIUS_M),
-            row.text("material", "accent", allowed=tuple(MATERIALS)),
-        )
+        return row.record(Band, points=points)
 
     return rig.each("band", read, again="name")
 
 
 def _read_end(row: Table, props: Sequence[Prop]) -> tuple[str, Array]:
-    name = row.text("prop")
-    row.known("prop", name, [prop.name for prop in props])
-    return name, row.vector("xyz", 3, "length", default=np.zeros(3))
+    end = row.record(BandPoint)
+    row.known("prop", end.prop, [prop.name for prop in props])
+    return end.prop, end.xyz
 
 
 def read_script(row: Table, key: str) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from trocar.cameras.records import CameraDescription
 from trocar.descriptions.calibration_plan import CalibrationPlan
+from trocar.descriptions.keys import key
+from trocar.descriptions.materials import MATERIALS
 from trocar.descriptions.meshes import Mesh
 from trocar.descriptions.needles import Needle
 from trocar.descriptions.overlay_records import Overlay
@@ -38,6 +40,8 @@ DISPLAY = "HRSV"
 #: setup joints are. Source: the dVRK's mtsIntuitiveResearchKitSUJ.cpp, constructor and Configure.
 CART = "Cart"
 REFERENCE_ARM = "ECM"
+#: Radius of the drawing of a band. Source: our own choice. [m]
+BAND_RADIUS_M = 5e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -347,30 +351,47 @@ class Movable:
     inertia_from: str
 
 
+def _origin() -> Array:
+    return np.zeros(3)
+
+
+def _upward() -> Array:
+    return np.array([0.0, 0.0, 1.0])
+
+
 @dataclass(frozen=True, eq=False)
 class PropJoint:
     """A joint between two props, or between a prop and the world; vectors in the prop's frame.
 
     Attributes:
-        kind: "hinge", "slide" or "ball"
-        on: name of the prop that carries it, "" for the world
-        point: of the axis, or the centre of a ball, (3,) [m]
-        axis: unit vector, (3,); a ball has none
-        lower, upper: limits of the coordinate, which is 0 where the prop is placed [rad or m]
+        kind: of the joint
+        on: a prop before this one, or the world, "" in Python
+        point: on the axis, or centre of a ball, (3,) [m]
+        axis: unit vector, (3,)
+        lower, upper: limits of the coordinate, which is 0 where the prop is placed; both or none
+            [rad or m]
         damping: [N m s/rad or N s/m]
-        stiffness, rest: of a spring: effort = stiffness (rest - coordinate); the spring of a ball
-            turns it back to where it is placed [N m/rad or N/m; rad or m]
+        stiffness: of a spring: effort = stiffness (rest - coordinate); the spring of a ball turns
+            it back to its placement [N m/rad or N/m]
+        rest: of the spring [rad or m]
     """
 
-    kind: PropJointKind
-    on: str
-    point: Array
-    axis: Array
-    lower: float
-    upper: float
-    damping: float
-    stiffness: float
-    rest: float
+    kind: PropJointKind = field(metadata=key())
+    on: str = field(metadata=key(default="world"))
+    point: Array = field(default_factory=_origin, metadata=key("length", size=3))
+    axis: Array = field(
+        default_factory=_origin,
+        metadata=key(form="direction", of=("hinge", "slide"), default=_upward),
+    )
+    lower: float = field(default=-np.inf, metadata=key("angle", "length", of=("hinge", "slide")))
+    upper: float = field(default=np.inf, metadata=key("angle", "length", of=("hinge", "slide")))
+    damping: float = field(
+        default=0.0, metadata=key("angular damping", "linear damping", least=0.0)
+    )
+    stiffness: float = field(
+        default=0.0, metadata=key("angular stiffness", "linear stiffness", least=0.0)
+    )
+    rest: float = field(default=0.0, metadata=key("angle", "length", of=("hinge", "slide")))
 
 
 @dataclass(frozen=True, eq=False)
@@ -405,22 +426,35 @@ class Band:
     """An elastic band through points of props; it pulls and never pushes.
 
     Attributes:
-        name: what it is called
+        name: of the band
         points: (prop, point in its frame (3,) [m]) of each, in the order of the band
         rest_length: the length up to which it is slack [m]
         stiffness: tension per length beyond that [N/m]
         damping: tension per speed of the length, also while it is slack [N s/m]
         radius: of its drawing [m]
-        material: name of a row in `materials`
+        material: of its drawing
     """
 
-    name: str
+    name: str = field(metadata=key(form="name"))
     points: tuple[tuple[str, Array], ...]
-    rest_length: float
-    stiffness: float
-    damping: float
-    radius: float
-    material: str
+    rest_length: float = field(metadata=key("length", above=0.0))
+    stiffness: float = field(metadata=key("linear stiffness", above=0.0))
+    damping: float = field(metadata=key("linear damping", least=0.0, default=0.0))
+    radius: float = field(metadata=key("length", above=0.0, default=BAND_RADIUS_M))
+    material: str = field(metadata=key(choices=tuple(MATERIALS), default="accent"))
+
+
+@dataclass(frozen=True, eq=False)
+class BandPoint:
+    """Keys of a point of an elastic band.
+
+    Attributes:
+        prop: that has the point
+        xyz: in the prop's frame, (3,) [m]
+    """
+
+    prop: str = field(metadata=key())
+    xyz: Array = field(default_factory=_origin, metadata=key("length", size=3))
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,8 +21,8 @@ MOST_NODES = 20_000
 SOFTEST_PA, STIFFEST_PA = 1e3, 1e7
 #: Most stitches of a tissue. Source: our own choice; four take 0.2 ms a step.
 MOST_STITCHES = 8
-#: Least arc of a needle that passes both halves. Source: our own choice; 3/8 of a circle is 135 deg.
-#: [rad]
+#: Least arc of a needle that passes both halves. Source: our own choice, less than 3/8 of a circle,
+#: 135 deg. [rad]
 MIN_ARC = np.radians(120.0)
 
 
@@ -152,7 +152,8 @@ def read_tissue(row: Table, needles: Mapping[str, Needle]) -> Tissue:
         raise row.fail("layer", f"got layers thicker than the tissue, {1e3 * found.depth:g} mm")
     if found.wire.arc < MIN_ARC:
         raise row.fail(
-            "needle", f"got an arc of {np.degrees(found.wire.arc):.0f} deg; allowed: 120 deg or more"
+            "needle",
+            f"got an arc of {np.degrees(found.wire.arc):.0f} deg; allowed: 120 deg or more",
         )
     return found
 

@@ -116,6 +116,8 @@ class Key:
         scale = self.scale
         low = self.above if self.least is None else self.least
         word = "" if low is None else f"{'' if self.above is None else 'above '}{low / scale:g}"
+        if low is None and self.most is None:
+            return "a whole number"
         if low is None and self.most is not None:
             return f"up to {self.most / scale:g}{self._unit}"
         if self.most is None and self.form == "whole" and self.least is not None:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.descriptions.keys import key
+from trocar.descriptions.materials import MATERIALS
 from trocar.descriptions.meshes import Mesh
 from trocar.descriptions.table import Table, read_table
 from trocar.errors import InputError
@@ -149,6 +150,17 @@ class NeedleSize:
     """
 
     size: str = field(metadata=key())
+
+
+@dataclass(frozen=True)
+class NeedleLook:
+    """Key of a needle's surface.
+
+    Attributes:
+        material: of its drawing
+    """
+
+    material: str = field(default="steel", metadata=key(choices=tuple(MATERIALS)))
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from trocar.descriptions import load_arm, load_rig, names
-from trocar.descriptions.lone_arm import lone_arm_rig
+from trocar.descriptions.rigs import lone_arm_rig
 from trocar.descriptions.meshes import Mesh
 from trocar.descriptions.records import Shape
 from trocar.errors import UnknownNameError

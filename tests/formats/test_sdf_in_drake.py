@@ -14,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 from trocar.descriptions import load_arm, load_rig, names
-from trocar.descriptions.lone_arm import lone_arm_rig
+from trocar.descriptions.rigs import lone_arm_rig
 from trocar.descriptions.records import RigDescription
 from trocar.formats.exports import export
 from trocar.formats.links import LinkModel, rig_links

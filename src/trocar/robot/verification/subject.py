@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.lone_arm import lone_arm_rig
+from trocar.descriptions.rigs import lone_arm_rig
 from trocar.descriptions.records import ArmDescription, JointDescription
 from trocar.geometry.rotations import matrix_from_rpy
 from trocar.geometry.se3 import transform

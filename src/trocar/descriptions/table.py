@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from copy import copy
 from difflib import get_close_matches
 from pathlib import Path
@@ -117,7 +117,23 @@ class Table:
         choices: Mapping[str, Iterable[str]] | None = None,
         **given: Any,
     ) -> Record:
-        """Return a record of the keys that its fields declare.
+        """Return a record of the keys that its fields declare; see `values`."""
+        return kind(
+            **given,
+            **self.values(kind, of, turns=turns, defaults=defaults, choices=choices, but=given),
+        )
+
+    def values(
+        self,
+        kind: type[Any],
+        of: str = "",
+        *,
+        turns: bool | None = None,
+        defaults: Mapping[str, Any] | None = None,
+        choices: Mapping[str, Iterable[str]] | None = None,
+        but: Container[str] = (),
+    ) -> dict[str, Any]:
+        """Return the values of the keys that the fields of a record declare, {field: value}.
 
         Args:
             kind: class of the record
@@ -125,14 +141,14 @@ class Table:
             turns: whether the table's joint turns, for keys whose units depend on it
             defaults: {field: value without its key}, in place of the declared one
             choices: {field: allowed texts} that depend on other tables
-            given: fields that are not read
+            but: fields that are not read
 
         Raises:
             DescriptionError: a key is missing or wrong
         """
-        values = dict(given)
+        values: dict[str, Any] = {}
         for one in keys_of(kind):
-            if one.field in values or (one.of and of not in one.of):
+            if one.field in but or (one.of and of not in one.of):
                 continue
             default = one.default
             if defaults and one.field in defaults:
@@ -141,7 +157,7 @@ class Table:
                 default = values[one.like]
             names = tuple(choices[one.field]) if choices and one.field in choices else one.choices
             values[one.field] = self._value(one, one.spelled(turns), default, names)
-        return kind(**values)
+        return values
 
     def _value(
         self, key: Key, dimensions: tuple[str, ...], default: Any, choices: tuple[str, ...]

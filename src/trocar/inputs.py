@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from types import EllipsisType
 from typing import Any, TypeVar, cast
@@ -59,20 +60,21 @@ def got(value: object, allowed: str) -> str:
 
 
 def excess_of(document: object) -> str:
-    """Return why a document of TOML, JSON or YAML is out of bounds, "" if it is not."""
-    left = [(document, 0)]
+    """Return the excess of a document of TOML, JSON or YAML, "" within bounds."""
+    left: list[tuple[Iterable[object], int]] = [((document,), -1)]
     while left:
-        value, level = left.pop()
-        inner: list[Any] = []
-        if isinstance(value, dict):
-            inner = list(cast(dict[Any, Any], value).values())
-        elif isinstance(value, list):
-            inner = cast(list[Any], value)
-        elif isinstance(value, int) and not INTEGERS[0] <= value <= INTEGERS[1]:
-            return "has an integer of more than 64 bits"
-        if inner and level >= MOST_LEVELS:
-            return f"is nested too deeply; allowed: {MOST_LEVELS} levels"
-        left += [(each, level + 1) for each in inner]
+        values, level = left.pop()
+        for value in values:
+            if isinstance(value, str | float):
+                continue
+            if isinstance(value, int):
+                if not INTEGERS[0] <= value <= INTEGERS[1]:
+                    return "has an integer of more than 64 bits"
+            elif isinstance(value, dict | list) and value:
+                if level + 1 >= MOST_LEVELS:
+                    return f"is nested too deeply; allowed: {MOST_LEVELS} levels"
+                inner = cast(Any, value)
+                left.append((inner.values() if isinstance(value, dict) else inner, level + 1))
     return ""
 
 

@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from types import NoneType, UnionType
-from typing import Any, Literal, Union, cast, get_args, get_origin, get_type_hints
+from typing import Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -150,12 +150,12 @@ class Key:
             return self.dimensions
         return self.dimensions[:1] if turns else self.dimensions[1:]
 
-    def fits(self, value: float | np.ndarray[Any, Any]) -> bool:
-        """Return whether all numbers are within the bounds."""
-        return bool(
-            (self.above is None or np.all(value > self.above))
-            and (self.least is None or np.all(value >= self.least))
-            and (self.most is None or np.all(value <= self.most))
+    def fits(self, value: float) -> bool:
+        """Return whether a number is within the bounds."""
+        return not (
+            (self.above is not None and value <= self.above)
+            or (self.least is not None and value < self.least)
+            or (self.most is not None and value > self.most)
         )
 
 
@@ -194,11 +194,60 @@ def _key(one: dataclasses.Field[Any], hint: Any) -> Key:
     return Key(field=one.name, optional=optional and options["default"] is None, **options)
 
 
-def made(default: Any) -> Any:
-    """Return the value that a default stands for: a factory's, or an array of a tuple."""
-    if callable(default):
-        return cast(Callable[[], Any], default)()
-    return default
+class Slot(NamedTuple):
+    """A key of a kind of table: what its reader needs at every table."""
+
+    key: Key
+    field: str
+    form: Form
+    dimensions: tuple[str, ...]
+    bounded: bool
+
+
+class Layout(NamedTuple):
+    """The keys of a kind of table.
+
+    Attributes:
+        entries: {key with its unit: (slot, factor to SI)}
+        defaults: {field: value without the key}
+        factories: {field: makes the value without the key}
+        alike: {field: field whose value it has without the key}
+        needed: (slot, keys with its units) of which one must be there
+    """
+
+    entries: Mapping[str, tuple[Slot, float]]
+    defaults: Mapping[str, Any]
+    factories: Mapping[str, Callable[[], Any]]
+    alike: Mapping[str, str]
+    needed: tuple[tuple[Slot, tuple[str, ...]], ...]
+
+
+@lru_cache(maxsize=1024)
+def layout_of(record: type, of: str, turns: bool | None) -> Layout:
+    """Return the keys that a record is read from in a kind of table.
+
+    Args:
+        record: its class
+        of: the kind
+        turns: whether the table's joint turns; None: it has none, or either
+    """
+    entries, defaults, factories, alike = (dict[str, Any]() for _ in range(4))
+    needed: list[tuple[Slot, tuple[str, ...]]] = []
+    for one in keys_of(record):
+        if one.of and of not in one.of:
+            continue
+        slot = Slot(one, one.field, one.form, one.spelled(turns), one.bounded)
+        spelled = spellings(one.name, slot.dimensions) if slot.dimensions else ((one.name, 1.0),)
+        entries |= {name: (slot, factor) for name, factor in spelled}
+        if one.like:
+            alike[one.field] = one.like
+        elif one.default is ...:
+            needed.append((slot, tuple(name for name, _ in spelled)))
+        elif callable(one.default):
+            factories[one.field] = one.default
+        else:
+            defaults[one.field] = one.default
+    return Layout(entries, defaults, factories, alike, tuple(needed))
 
 
 @lru_cache(maxsize=4096)

@@ -15,7 +15,7 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
-from trocar.descriptions.keys import Key, keys_of, made, spellings
+from trocar.descriptions.keys import Key, layout_of, spellings
 from trocar.errors import DescriptionError, InputError
 from trocar.inputs import MOST_LEVELS, excess_of, got, read_input
 
@@ -146,28 +146,45 @@ class Table:
         Raises:
             DescriptionError: a key is missing or wrong
         """
-        values: dict[str, Any] = {}
-        for one in keys_of(kind):
-            if one.field in but or (one.of and of not in one.of):
+        layout = layout_of(kind, of, turns)
+        values = {**layout.defaults, **(defaults or {})}
+        seen: set[str] = set(but)
+        for (key, field, _, dimensions, _), names in layout.needed:
+            if field not in seen and field not in values and self._data.keys().isdisjoint(names):
+                self._value(key, dimensions, ())  # raises: is missing
+        for entry, value in self._data.items():
+            if entry not in layout.entries:
                 continue
-            default = one.default
-            if defaults and one.field in defaults:
-                default = defaults[one.field]
-            elif one.like:
-                default = values[one.like]
-            names = tuple(choices[one.field]) if choices and one.field in choices else one.choices
-            values[one.field] = self._value(one, one.spelled(turns), default, names)
-        return values
+            (key, field, form, dimensions, bounded), factor = layout.entries[entry]
+            if field in seen:
+                if field not in but:
+                    self._one(key.name, dimensions, True)  # raises: given in two units
+                continue
+            seen.add(field)
+            allowed = tuple(choices[field]) if choices and field in choices else key.choices
+            # The usual values, without the calls that find what is wrong with others.
+            if form == "text" and type(value) is str and (value in allowed or not allowed):
+                values[field] = value.strip()
+            elif form == "number" and type(value) in (float, int) and not bounded:
+                values[field] = factor * self._finite(entry, value)
+            else:
+                values[field] = self._value(key, dimensions, allowed)
+        for field, make in layout.factories.items():
+            if field not in seen and field not in values:
+                values[field] = make()
+        for field, like in layout.alike.items():
+            if field not in seen and field not in values:
+                values[field] = values[like]
+        if not but:
+            self._read.update(layout.entries)
+            return values
+        entries = layout.entries.items()
+        self._read.update(name for name, (slot, _) in entries if slot.field not in but)
+        return {field: value for field, value in values.items() if field not in but}
 
-    def _value(
-        self, key: Key, dimensions: tuple[str, ...], default: Any, choices: tuple[str, ...]
-    ) -> Any:
+    def _value(self, key: Key, dimensions: tuple[str, ...], choices: tuple[str, ...]) -> Any:
         """Return the value of a key in SI, within its bounds."""
         name = key.name
-        spelled = spellings(name, dimensions) if dimensions else ((name, 1.0),)
-        if default is not ... and not any(entry in self._data for entry, _ in spelled):
-            self._read.update(entry for entry, _ in spelled)
-            return made(default)
         if key.form == "text":
             return self.text(name, allowed=choices)
         if key.form in ("number", "whole"):
@@ -179,7 +196,7 @@ class Table:
             found = self._one(name, dimensions, True) if dimensions else (name, 1.0)
             entry, factor = cast(tuple[str, float], found)
             numbers = factor * self.numbers(entry, key.size)
-            if key.bounded and not key.fits(numbers):
+            if key.bounded and not all(map(key.fits, numbers.tolist())):
                 raise self.fail(name, got(numbers.tolist(), key.allowed))
             return numbers
         if key.form == "weights":
@@ -379,6 +396,8 @@ class Table:
         """
         if "source" not in self._read:
             self.text("source", "")
+        if self._data.keys() <= self._read:
+            return
         for key in self.entries():
             near = get_close_matches(key[:200], self._read, n=1)
             hint = f" (did you mean {near[0]!r}?)" if near else ""
@@ -445,7 +464,8 @@ def parse_table(text: str, file: str) -> Table:
     Raises:
         DescriptionError: it is not TOML; line and column are named
     """
-    if LONG_KEY.search(text):
+    # The expression takes as long as a fifth of reading the file: only lines of many dots need it.
+    if any(line.count(".") > MOST_LEVELS and LONG_KEY.search(line) for line in text.splitlines()):
         raise DescriptionError(file, "", f"is nested too deeply; allowed: {MOST_LEVELS} levels")
     try:
         document = tomllib.loads(text)

@@ -55,9 +55,12 @@ def read_rotor(table: Table) -> dict[str, float]:
     """Return {frame: reflected inertia or mass}."""
 
     def read(row: Table) -> float:
-        key = "inertia" if "inertia_kgm2" in row else "mass"
-        value = row.quantity(key, "inertia", "mass")
-        return row.not_negative(key, "inertia", "mass", default=value)
+        keys = row.record(RotorKeys)
+        if keys.inertia is not None and keys.mass is not None:
+            raise row.fail("mass", "contradicts inertia; give one of them")
+        if keys.inertia is not None:
+            return keys.inertia
+        return row.quantity("mass", "mass") if keys.mass is None else keys.mass
 
     return table.named("rotor", read)
 

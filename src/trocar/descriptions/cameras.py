@@ -152,8 +152,8 @@ class CameraKeys:
 
     Attributes:
         name: of the camera
-        kind: "endoscope": two eyes at the end of an ECM's scope; "view": in the room or on a link
-        arm: endoscope: default the rig's ECM; view: its carrier, default the world
+        kind: `endoscope`: two eyes at the end of an ECM's scope; `view`: in the room or on a link
+        arm: carrier; default: of an `endoscope` the rig's ECM, of a `view` the world
         frame: of the carrier; default: its tip
         look_at: target, image upright, instead of `rpy` or `rotation`, (3,) [m]
         angle: lens angle: 0, 30 deg down or -30 deg up [rad]

@@ -67,7 +67,7 @@ class Cone:
     """The inside of a cone, which narrows towards its apex.
 
     Attributes:
-        apex: (3,) [m]
+        apex: its point, (3,) [m]
         axis: from the apex into the cone, unit vector, (3,)
         half_angle: between axis and surface, above 0 and below pi/2 [rad]
     """
@@ -163,7 +163,7 @@ class Fixture:
         file, key: place of its table
     """
 
-    name: str = field(metadata=key())
+    name: str = field(metadata=key(default=""))
     arm: str = field(metadata=key())
     mode: Mode = field(metadata=key())
     frame: str = field(metadata=key(default=WORLD))

@@ -407,9 +407,9 @@ class PropJoint:
 
     Attributes:
         kind: of the joint
-        on: a prop before this one, or the world, "" in Python
+        on: carrier: a prop before this one, or the world ("" in Python)
         point: on the axis, or centre of a ball, (3,) [m]
-        axis: unit vector, (3,)
+        axis: its direction, a unit vector, (3,)
         lower, upper: limits of the coordinate, which is 0 where the prop is placed; both or none
             [rad or m]
         damping: [N m s/rad or N s/m]

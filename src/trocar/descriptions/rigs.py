@@ -42,7 +42,7 @@ class RigKeys:
         extend_spec: a Python file beside this one, whose `extend_spec(spec)` adds to the MjSpec; no
             actuators or keyframes
         errors: a preset's name, or a table
-        dynamics: of arms without an overlay of dynamics; "cad": masses and friction as described
+        dynamics: of arms without an overlay of dynamics; `cad`: masses and friction as described
         grasp: how jaws hold free props
         reference_arm: with setup joints: the arm whose tip is the reference frame of others
     """

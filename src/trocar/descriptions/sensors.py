@@ -119,7 +119,7 @@ class JointEffort(SensorDescription):
     """The effort of a motor.
 
     Attributes:
-        joint: of a `joint_effort`
+        joint: of the arm
         unit: of its effort, "N m" or "N"
     """
 
@@ -165,14 +165,14 @@ class PlacedSensor(SensorDescription):
     """A sensor at a place on a link of an arm, or on a prop.
 
     Attributes:
-        frame: that carries it; default: `tip_wrench` the tip, `contacts` the whole arm, `proximity`
-            the jaw's first finger
+        frame: that carries it; default: of a `tip_wrench` the tip, of a `proximity` the jaw's first
+            finger
         pose: T_frame_sensor (4, 4)
     """
 
     on_props: ClassVar[bool] = True
 
-    frame: str = field(metadata=key())
+    frame: str = field(metadata=key(default=""))
     pose: Array
 
     @classmethod
@@ -210,7 +210,7 @@ class TipWrench(PlacedSensor):
     """The wrench that the environment exerts on an instrument.
 
     Attributes:
-        beyond: of a `tip_wrench`: frame whose loads, with its descendants', count
+        beyond: frame whose loads, with its descendants', count
     """
 
     kind: ClassVar[str] = "tip_wrench"
@@ -319,16 +319,16 @@ class Proximity(PlacedSensor):
 
     Attributes:
         pose: start of the ray
-        to_frame, to_point: of a `proximity`: end of its ray; default: the other finger, the point
-            of its start, (3,) [m]
+        to_frame, to_point: end of the ray; default: the other finger, the point of its start,
+            (3,) [m]
     """
 
     kind: ClassVar[str] = "proximity"
     reading: ClassVar[type[SensorReading]] = ProximityReading
     values: ClassVar[Values] = {"distance": ("length", "m"), "gap": ("", "m")}
 
-    to_frame: str = field(metadata=key())
-    to_point: Array = field(metadata=key("length", name="to_xyz", size=3))
+    to_frame: str = field(metadata=key(default=""))
+    to_point: Array = field(metadata=key("length", name="to_xyz", size=3, default=""))
 
     @classmethod
     def read(cls, row: SensorTable) -> Proximity:
@@ -381,7 +381,7 @@ class Contacts(SensorDescription):
     """The contacts of an arm, of a frame and what hangs on it, of a prop, or of everything.
 
     Attributes:
-        frame: of the arm, "" for all of it; the prop that carries it
+        frame: whose bodies, with its descendants', count; default: the whole arm
     """
 
     kind: ClassVar[str] = "contacts"
@@ -446,7 +446,7 @@ class Tension(SensorDescription):
     """The tension of an elastic band.
 
     Attributes:
-        band: of a `tension`
+        band: of the rig
     """
 
     kind: ClassVar[str] = "tension"

@@ -69,10 +69,10 @@ class ShapeKeys:
 
     Attributes:
         kind: of the shape
-        center: (3,) [m]
+        center: its centre, (3,) [m]
         size: full edges, (3,) [m]
         start, end: ends of its axis; the hemispheres of a capsule are beyond them, (3,) [m]
-        radius: [m]
+        radius: its radius [m]
         at: place in the frame, (3,) [m]
         rpy: rotation about the fixed axes x, y, z, (3,) [rad]
         round: radius of the drawn edges of a box [m]
@@ -83,7 +83,7 @@ class ShapeKeys:
         collide: whether it takes part in contacts; default: yes, a mesh no
         weigh: whether it counts for the mass of its body; default: yes, a mesh never
         visible: whether it is drawn
-        hull: a "capsule" along its longest edge collides in its place
+        hull: `capsule`: one along its longest edge collides in its place
         density: instead of the body's mass, of every shape that weighs [kg/m^3]
         friction: sliding coefficient; a shape with it decides over one without; of two, the larger
             counts; default: 1

@@ -91,6 +91,11 @@ class Table:
         file, path = self._inherited.get(found, (self.file, self.path))
         return DescriptionError(file, f"{path}.{key}".strip("."), problem)
 
+    @property
+    def asked(self) -> frozenset[str]:
+        """The keys that were asked for, whether they are there or not."""
+        return frozenset(self._read)
+
     def __contains__(self, key: str) -> bool:
         return key in self._data
 

@@ -38,8 +38,8 @@ class TeleopDescription:
     dvrk-teleop-PSM.
 
     Attributes:
-        name: default: masters and slave, as "MTMR_PSM1", "MTML_MTMR_ECM"
-        kind: "psm": one master moves a tool; "ecm": two move the endoscope
+        name: default: masters and slave, as `MTMR_PSM1`, `MTML_MTMR_ECM`
+        kind: `psm`: one master moves a tool; `ecm`: two move the endoscope
         masters: one, or the left and the right one; they need not be arms of the rig
         slave: the arm of the rig that is moved
         scale: ratio of the slave's translation to the masters'
@@ -54,7 +54,7 @@ class TeleopDescription:
         source: of the numbers
     """
 
-    name: str = field(metadata=key())
+    name: str = field(metadata=key(default=""))
     kind: TeleopKind = field(metadata=key())
     masters: tuple[str, ...]
     slave: str = field(metadata=key())

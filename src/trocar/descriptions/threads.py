@@ -35,7 +35,7 @@ class ThreadKeys:
     """Keys of a thread that jaws can grasp, besides its diameter.
 
     Attributes:
-        length: [m]
+        length: of the thread [m]
         link: length of a link, about; 2 to 60 of them [m]
         modulus: of bending [Pa]
         friction: coefficient against everything

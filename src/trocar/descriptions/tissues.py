@@ -53,7 +53,7 @@ class Layer:
     """Keys of a layer of tissue, from the surface down.
 
     Attributes:
-        thickness: [m]
+        thickness: of the layer [m]
         modulus: of elasticity [Pa]
     """
 
@@ -78,7 +78,7 @@ class Tissue:
         poisson: Poisson's ratio
         layers: (thickness [m], modulus [Pa]) of each from the surface down
         element: edge of the mesh's cells, about [m]
-        patch: radius of the places that stitches hold, see `simulation.elastic` [m]
+        patch: radius of the places that stitches hold [m]
         stitches: most stitches at a time
         puncture: force at which a needle's tip enters [N]
         drag: of a needle at each point where it passes [N]

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from trocar.descriptions import load_arm, load_rig
-from trocar.descriptions.rigs import lone_arm_rig
 from trocar.descriptions.meshes import Mesh
 from trocar.descriptions.records import Shape
+from trocar.descriptions.rigs import lone_arm_rig
 from trocar.errors import InputError, MissingExtraError, TrocarError, UnknownNameError
 from trocar.formats.exports import FORMATS, export, find_rig
 from trocar.formats.exports.task import ExportOptions, ExportTask, Format, write_meshes

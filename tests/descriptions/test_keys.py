@@ -98,9 +98,17 @@ def test_a_file_that_the_reader_rejects_is_not_valid_by_its_schema() -> None:
 
 
 #: Keys that readers look for before they ask for them.
-ASKED_WHERE_THEY_ARE = {"base", "base_frame", "rotation", "scale_m", "scale_mm", "file"}
+ASKED_WHERE_THEY_ARE = {"base", "rotation"}
 #: Blocks of kinds that no file of the package has.
-MORE_SENSORS = """
+MORE_BLOCKS = """
+[[prop]]
+name = "more_shapes"
+xyz_mm = [0, 200, 0]
+shape = [
+    { kind = "ring", radius_mm = 8, wire_radius_mm = 1, sides = 8 },
+    { kind = "cup", radius_mm = 8, wall_mm = 1, height_mm = 10, floor_mm = 1 },
+    { kind = "mesh", file = "a.obj" },
+]
 [[sensor]]
 kind = "joint_effort"
 name = "a"
@@ -161,7 +169,10 @@ def test_readers_ask_for_the_keys_of_the_schemas(
     play = ROOT / "examples" / "props" / "play.toml"
     (tmp_path / "shake.py").write_bytes((play.parent / "shake.py").read_bytes())
     rig, guides = tmp_path / "rig.toml", tmp_path / "guides.toml"
-    rig.write_text(play.read_text(encoding="utf-8") + MORE_SENSORS, encoding="utf-8")
+    text = play.read_text(encoding="utf-8") + MORE_BLOCKS
+    text = text.replace('name = "PSM1"\n', 'name = "PSM1"\nbase_frame = { name = "ECM" }\n', 1)
+    rig.write_text(text, encoding="utf-8")
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", encoding="utf-8")
     guides.write_text(MORE_FIXTURES, encoding="utf-8")
     files = [*FILES, ("rig", rig), ("fixtures", guides)]
     asked: dict[tuple[str, str], set[str]] = defaultdict(set)

@@ -119,7 +119,7 @@ class NeedleArc:
     Attributes:
         center: of the circle, (3,) [m]
         normal: axis about which the arc runs, right-handed, unit vector, (3,)
-        start: where the arc begins, (3,) [m]
+        start: first point of the arc, (3,) [m]
         sweep: angle of the arc, above 0 to 2 pi [rad]
         clearance: radius of the tube about the arc [m]
     """
@@ -154,12 +154,12 @@ class Fixture:
     Attributes:
         name: unique in the file; default: its kind
         arm: the PSM whose tip it guides
-        mode: "force": masters push the hand back into the region; "filter": commanded tip positions
+        mode: `force`: masters push the hand back into the region; `filter`: commanded tip positions
             are replaced by the nearest allowed ones
-        frame: "world", or the name of an arm (its reference frame) or of a movable prop
+        frame: the world, an arm (its reference frame) or a movable prop
         region: allowed points in that frame
-        stiffness: of a force, at the master's handle [N/m]; 0 of a filter
-        force_max: largest force of a force [N]
+        stiffness: at the master's handle; 0 of a filter [N/m]
+        force_max: largest force [N]
         file, key: place of its table
     """
 

@@ -194,7 +194,7 @@ def _key(one: dataclasses.Field[Any], hint: Any) -> Key:
     return Key(field=one.name, optional=optional and options["default"] is None, **options)
 
 
-class Slot(NamedTuple):
+class KeySlot(NamedTuple):
     """A key of a kind of table: what its reader needs at every table."""
 
     key: Key
@@ -204,7 +204,7 @@ class Slot(NamedTuple):
     bounded: bool
 
 
-class Layout(NamedTuple):
+class KeyLayout(NamedTuple):
     """The keys of a kind of table.
 
     Attributes:
@@ -215,15 +215,15 @@ class Layout(NamedTuple):
         needed: (slot, keys with its units) of which one must be there
     """
 
-    entries: Mapping[str, tuple[Slot, float]]
+    entries: Mapping[str, tuple[KeySlot, float]]
     defaults: Mapping[str, Any]
     factories: Mapping[str, Callable[[], Any]]
     alike: Mapping[str, str]
-    needed: tuple[tuple[Slot, tuple[str, ...]], ...]
+    needed: tuple[tuple[KeySlot, tuple[str, ...]], ...]
 
 
 @lru_cache(maxsize=1024)
-def layout_of(record: type, of: str, turns: bool | None) -> Layout:
+def layout_of(record: type, of: str, turns: bool | None) -> KeyLayout:
     """Return the keys that a record is read from in a kind of table.
 
     Args:
@@ -232,11 +232,11 @@ def layout_of(record: type, of: str, turns: bool | None) -> Layout:
         turns: whether the table's joint turns; None: it has none, or either
     """
     entries, defaults, factories, alike = (dict[str, Any]() for _ in range(4))
-    needed: list[tuple[Slot, tuple[str, ...]]] = []
+    needed: list[tuple[KeySlot, tuple[str, ...]]] = []
     for one in keys_of(record):
         if one.of and of not in one.of:
             continue
-        slot = Slot(one, one.field, one.form, one.spelled(turns), one.bounded)
+        slot = KeySlot(one, one.field, one.form, one.spelled(turns), one.bounded)
         spelled = spellings(one.name, slot.dimensions) if slot.dimensions else ((one.name, 1.0),)
         entries |= {name: (slot, factor) for name, factor in spelled}
         if one.like:
@@ -247,7 +247,7 @@ def layout_of(record: type, of: str, turns: bool | None) -> Layout:
             factories[one.field] = one.default
         else:
             defaults[one.field] = one.default
-    return Layout(entries, defaults, factories, alike, tuple(needed))
+    return KeyLayout(entries, defaults, factories, alike, tuple(needed))
 
 
 @lru_cache(maxsize=4096)

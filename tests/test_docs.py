@@ -143,6 +143,7 @@ def test_the_readme_moves_an_arm_in_python(capsys: pytest.CaptureFixture[str]) -
     ("page", "tool"),
     [
         ("command-line.md", "command_line.py"),
+        ("descriptions.md", "descriptions.py"),
         ("errata.md", "errata.py"),
         ("scene-list.md", "scenes.py"),
         ("script-calls.md", "calls.py"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from types import EllipsisType
 from typing import Any, TypeVar, cast
@@ -43,21 +44,37 @@ def is_file(path: str | Path) -> bool:
         return False
 
 
+def shown(value: object) -> str:
+    """Return a value as messages show it: in one line, and not long."""
+    try:
+        text = repr(value)
+    except ValueError:  # an integer of thousands of digits
+        text = "a very large number"
+    text = " ".join(text.split())
+    return text if len(text) <= 200 else f"{text[:160]}...{text[-37:]}"
+
+
+def got(value: object, allowed: str) -> str:
+    """Return the message about a value that is not allowed."""
+    return f"got {shown(value)}; allowed: {allowed}"
+
+
 def excess_of(document: object) -> str:
-    """Return why a document of TOML, JSON or YAML is out of bounds, "" if it is not."""
-    left = [(document, 0)]
+    """Return the excess of a document of TOML, JSON or YAML, "" within bounds."""
+    left: list[tuple[Iterable[object], int]] = [((document,), -1)]
     while left:
-        value, level = left.pop()
-        inner: list[Any] = []
-        if isinstance(value, dict):
-            inner = list(cast(dict[Any, Any], value).values())
-        elif isinstance(value, list):
-            inner = cast(list[Any], value)
-        elif isinstance(value, int) and not INTEGERS[0] <= value <= INTEGERS[1]:
-            return "has an integer of more than 64 bits"
-        if inner and level >= MOST_LEVELS:
-            return f"is nested too deeply; allowed: {MOST_LEVELS} levels"
-        left += [(each, level + 1) for each in inner]
+        values, level = left.pop()
+        for value in values:
+            if isinstance(value, str | float):
+                continue
+            if isinstance(value, int):
+                if not INTEGERS[0] <= value <= INTEGERS[1]:
+                    return "has an integer of more than 64 bits"
+            elif isinstance(value, dict | list) and value:
+                if level + 1 >= MOST_LEVELS:
+                    return f"is nested too deeply; allowed: {MOST_LEVELS} levels"
+                inner = cast(Any, value)
+                left.append((inner.values() if isinstance(value, dict) else inner, level + 1))
     return ""
 
 
@@ -96,7 +113,7 @@ def check_numbers(
     what = f"{' x '.join(words)} finite numbers" if shape else "a finite number"
     least = f" from {low:g}" if low > -np.inf else ""
     most = f" up to {high:g}" if high < np.inf else ""
-    raise InputError(f"{name}: got {_shown(value)}; allowed: {what}{least}{most}")
+    raise InputError(f"{name}: {got(value, f'{what}{least}{most}')}")
 
 
 def check_whole(value: object, name: str, low: int = 0, high: int = 2**31 - 1) -> int:
@@ -106,9 +123,9 @@ def check_whole(value: object, name: str, low: int = 0, high: int = 2**31 - 1) -
         InputError: something else
     """
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
-        raise InputError(f"{name}: got {_shown(value)}; allowed: a whole number")
+        raise InputError(f"{name}: {got(value, 'a whole number')}")
     if not low <= value <= high:
-        raise InputError(f"{name}: got {_shown(value)}; allowed: {low} to {high}")
+        raise InputError(f"{name}: {got(value, f'{low} to {high}')}")
     return int(value)
 
 
@@ -119,14 +136,5 @@ def check_type(value: object, kind: type[Kind], name: str) -> Kind:
         InputError: one of another type
     """
     if not isinstance(value, kind):
-        raise InputError(f"{name}: got {_shown(value)}; allowed: of type {kind.__name__}")
+        raise InputError(f"{name}: {got(value, f'of type {kind.__name__}')}")
     return value
-
-
-def _shown(value: object) -> str:
-    """Return a value as messages show it: in one line, and not long."""
-    try:
-        text = repr(value)
-    except ValueError:  # an integer of thousands of digits
-        text = "a very large number"
-    return f"{' '.join(text.split()):.200}"

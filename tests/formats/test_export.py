@@ -11,9 +11,9 @@ import pytest
 
 from tests.formats.dropped import PLAIN, drop_in
 from trocar.descriptions import load_arm, load_rig
-from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.descriptions.meshes import Mesh
 from trocar.descriptions.records import Shape
+from trocar.descriptions.rigs import lone_arm_rig
 from trocar.errors import InputError, MissingExtraError, TrocarError, UnknownNameError
 from trocar.formats.export import export, find_rig
 from trocar.formats.folder import write_meshes

@@ -13,7 +13,7 @@ pytest.importorskip("trimesh", reason="trimesh is not installed (extra convex)")
 
 from tests.formats.texts import MJCF, SDF, URDF
 from trocar.descriptions import load_arm
-from trocar.descriptions.lone_arm import lone_arm_rig
+from trocar.descriptions.rigs import lone_arm_rig
 from trocar.formats.importing import Imported, ImportOptions, import_file
 from trocar.kinematics.forward import coordinates, poses
 from trocar.simulation import World

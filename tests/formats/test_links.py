@@ -8,8 +8,8 @@ import pytest
 from trocar.descriptions import load_arm, load_rig
 from trocar.descriptions.calibrated import apply_overlay
 from trocar.descriptions.catalogue import names
-from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.descriptions.records import ArmDescription, RigDescription
+from trocar.descriptions.rigs import lone_arm_rig
 from trocar.errors import InputError
 from trocar.formats.links import LinkModel, rig_links
 from trocar.geometry.rotations import matrix_from_rpy

@@ -14,8 +14,8 @@ import pytest
 
 from trocar.descriptions import load_arm
 from trocar.descriptions.calibrated import apply_overlay
-from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.descriptions.records import Gains
+from trocar.descriptions.rigs import lone_arm_rig
 from trocar.errors import TrocarError
 from trocar.formats.export import export, find_rig
 

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from trocar.descriptions import load_arm, load_rig, names
-from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.descriptions.meshes import Mesh
 from trocar.descriptions.records import Shape
+from trocar.descriptions.rigs import lone_arm_rig
 from trocar.errors import UnknownNameError
 from trocar.formats.links import LinkModel, rig_links
 from trocar.formats.sdf import VERSIONS, add_shape, card, exact, model_name, sdf, world

@@ -14,8 +14,8 @@ import pytest
 from numpy.typing import NDArray
 
 from trocar.descriptions import load_arm, load_rig, names
-from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.descriptions.records import RigDescription
+from trocar.descriptions.rigs import lone_arm_rig
 from trocar.formats.export import export
 from trocar.formats.links import LinkModel, rig_links
 from trocar.formats.sdf import joint_name, sdf

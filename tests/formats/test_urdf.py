@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from trocar.descriptions import load_arm
-from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.descriptions.meshes import Mesh
 from trocar.descriptions.records import Shape
+from trocar.descriptions.rigs import lone_arm_rig
 from trocar.formats.links import LinkModel, rig_links
 from trocar.formats.urdf import UNLIMITED, urdf
 

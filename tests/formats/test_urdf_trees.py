@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from trocar.descriptions import load_arm, load_rig
-from trocar.descriptions.lone_arm import lone_arm_rig
+from trocar.descriptions.rigs import lone_arm_rig
 from trocar.formats.links import LinkModel, joint_values, link_poses, rig_links
 from trocar.formats.urdf import late_leaders, leaders_first, single_leaders
 

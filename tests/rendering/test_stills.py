@@ -10,7 +10,7 @@ from PIL import Image
 
 from trocar.cli import main
 from trocar.descriptions import load_arm, load_rig
-from trocar.descriptions.lone_arm import lone_arm_rig
+from trocar.descriptions.rigs import lone_arm_rig
 from trocar.errors import TrocarError
 from trocar.rendering import portrait
 

@@ -11,7 +11,7 @@ pytest.importorskip("lxml", reason="lxml is not installed (extra export)")
 pytest.importorskip("trimesh", reason="trimesh is not installed (extra convex)")
 
 from trocar.descriptions import load_arm
-from trocar.descriptions.lone_arm import lone_arm_rig
+from trocar.descriptions.rigs import lone_arm_rig
 from trocar.formats.export import export
 from trocar.formats.importing import ImportOptions, import_file
 from trocar.geometry.se3 import inverse

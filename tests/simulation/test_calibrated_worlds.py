@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from trocar.descriptions import load_arm, load_rig
-from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.descriptions.overlay import Overlay, write_overlay
+from trocar.descriptions.rigs import lone_arm_rig
 from trocar.errors import LogError
 from trocar.kinematics.forward import coordinates
 from trocar.recording import record

@@ -10,7 +10,7 @@ import pytest
 
 from trocar.cli import main
 from trocar.descriptions.fixtures import Fixture, Mode, Plane
-from trocar.descriptions.teleop_records import TeleopDescription
+from trocar.descriptions.teleops import TeleopDescription
 from trocar.errors import DescriptionError
 from trocar.live import Loop
 from trocar.live.inbox import Command

@@ -1,11 +1,14 @@
-"""Hooks of mkdocs: links that leave docs/ (to examples, source, CONTRIBUTING) become plain text."""
+"""Hooks of mkdocs: links that leave docs/ become plain text, and the site gets the JSON schemas."""
 
 from __future__ import annotations
 
 import posixpath
 import re
+import shutil
+from pathlib import Path
 from typing import Any
 
+SCHEMAS = Path(__file__).parents[2] / "src/trocar/descriptions/data/schema"
 LINK = re.compile(r"(?<!!)\[([^\]]+)\]\(([^)#:\s]+)(#[^)]*)?\)")
 
 
@@ -19,3 +22,8 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
         return found[0] if kept else found[1]
 
     return LINK.sub(inside, markdown)
+
+
+def on_post_build(config: Any, **_: Any) -> None:
+    """Copy the JSON schemas of TOML files into the site."""
+    shutil.copytree(SCHEMAS, Path(config["site_dir"]) / "schema", dirs_exist_ok=True)

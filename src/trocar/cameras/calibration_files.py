@@ -34,7 +34,7 @@ from trocar.cameras.records import (
 from trocar.cameras.rectification import CameraInfo, camera_infos, rectified
 from trocar.errors import DescriptionError, InputError
 from trocar.geometry.se3 import inverse, transform
-from trocar.inputs import excess_of, read_input
+from trocar.inputs import excess_of, got, read_input
 from trocar.outputs import check_file, whole_file
 
 Array = NDArray[np.float64]
@@ -143,7 +143,7 @@ class _Entries:
         key, value = self._one(keys)
         number = isinstance(value, int | float) and not isinstance(value, bool)
         if not number or not math.isfinite(value) or value != round(value):
-            raise self.fail(key, f"got {value!r}; allowed: a whole number")
+            raise self.fail(key, got(value, "a whole number"))
         return int(value)
 
     def matrix(self, rows: int, columns: int, *keys: str) -> Array:
@@ -166,7 +166,7 @@ class _Entries:
         nearest = left @ right
         off = float(np.abs(nearest - turn).max())
         if np.linalg.det(turn) <= 0.0 or off > ROUNDED:
-            raise self.fail(keys[0], f"got {turn.tolist()}; allowed: a rotation matrix")
+            raise self.fail(keys[0], got(turn.tolist(), "a rotation matrix"))
         return turn if off < EXACT else nearest
 
     def _one(self, keys: tuple[str, ...]) -> tuple[str, Any]:
@@ -189,14 +189,14 @@ class _Entries:
                 raise self.fail(key, f"has {found.size} numbers, but says {rows} x {columns}")
             return found
         if not isinstance(value, list):
-            raise self.fail(key, f"got {value!r}; allowed: a list or matrix of numbers")
+            raise self.fail(key, got(value, "a list or matrix of numbers"))
         flat: list[Any] = []
         for item in cast(list[Any], value):
             flat.extend(cast(list[Any], item) if isinstance(item, list) else [item])
         for item in flat:
             wrong = isinstance(item, bool) or not isinstance(item, int | float)
             if wrong or not math.isfinite(item):
-                raise self.fail(key, f"got {item!r}; allowed: finite numbers")
+                raise self.fail(key, got(item, "finite numbers"))
         return np.array(flat, dtype=np.float64)
 
 
@@ -296,7 +296,7 @@ def _ros_eye(entries: _Entries) -> Intrinsics:
     guess = "rational_polynomial" if coefficients.size == 8 else "plumb_bob"
     model = entries.text("distortion_model", guess) or guess
     if model not in MODELS:
-        raise entries.fail("distortion_model", f"got {model!r}; allowed: {', '.join(MODELS)}")
+        raise entries.fail("distortion_model", got(model, ", ".join(MODELS)))
     if coefficients.size not in MODELS[model]:
         allowed = " or ".join(str(n) for n in MODELS[model] if n)
         raise entries.fail(
@@ -376,7 +376,7 @@ def _opencv_size(entries: _Entries) -> tuple[int, int]:
         if key in entries:
             width, height = entries.matrix(1, 2, key).ravel().tolist()
             if width != round(width) or height != round(height):
-                raise entries.fail(key, f"got {[width, height]}; allowed: two whole numbers")
+                raise entries.fail(key, got([width, height], "two whole numbers"))
             return int(width), int(height)
     if not entries.has("image_width"):
         raise entries.fail(
@@ -421,7 +421,7 @@ def _parse_yaml(text: str, file: str) -> dict[str, Any]:
     if value is None:
         raise DescriptionError(file, "", "is empty; allowed: a camera's calibration in YAML")
     if not isinstance(value, dict):
-        raise DescriptionError(file, "", f"got {value!r}; allowed: keys with values")
+        raise DescriptionError(file, "", got(value, "keys with values"))
     return cast(dict[str, Any], value)
 
 

@@ -81,7 +81,7 @@ def run(args: Namespace) -> int:
 def _rig(args: Namespace) -> RigDescription:
     """Return the named rig, or a rig with the named arm only."""
     from trocar.descriptions import load_arm, load_rig, names
-    from trocar.descriptions.lone_arm import lone_arm_rig
+    from trocar.descriptions.rigs import lone_arm_rig
 
     if args.arm in names("rigs") and args.arm not in names("arms"):
         allow(args, "with an arm", "tool")

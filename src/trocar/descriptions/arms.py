@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from trocar.descriptions.frames import (
     read_joint,
     rest_poses,
 )
+from trocar.descriptions.keys import key
 from trocar.descriptions.records import (
     ArmDescription,
     Body,
@@ -46,19 +48,19 @@ def read_friction(table: Table) -> dict[str, dict[str, Friction]]:
 
 
 def _read_hinge_friction(row: Table) -> Friction:
-    return Friction(
-        row.not_negative("coulomb", "torque", "force"),
-        row.not_negative("viscous", "angular damping", "linear damping"),
-    )
+    return row.record(Friction)
 
 
 def read_rotor(table: Table) -> dict[str, float]:
     """Return {frame: reflected inertia or mass}."""
 
     def read(row: Table) -> float:
-        key = "inertia" if "inertia_kgm2" in row else "mass"
-        value = row.quantity(key, "inertia", "mass")
-        return row.not_negative(key, "inertia", "mass", default=value)
+        keys = row.record(RotorKeys)
+        if keys.inertia is not None and keys.mass is not None:
+            raise row.fail("mass", "contradicts inertia; give one of them")
+        if keys.inertia is not None:
+            return keys.inertia
+        return row.quantity("mass", "mass") if keys.mass is None else keys.mass
 
     return table.named("rotor", read)
 
@@ -73,12 +75,7 @@ def read_control(table: Table) -> dict[str, Control]:
             gains[joint] = Gains(*pid.numbers(joint, 3))
             if min(gains[joint].p, gains[joint].i, gains[joint].d) < 0.0:
                 raise pid.fail(joint, f"got {pid.raw(joint)}; allowed: 0 or more")
-        compensated, limited = (
-            row.flag(k, True) for k in ("gravity_compensation", "effort_limits")
-        )
-        return Control(
-            row.path.partition(".")[2], gains, compensated, limited, row.text("source", "")
-        )
+        return row.record(Control, name=row.path.partition(".")[2], pid=gains)
 
     return table.named("control", read)
 
@@ -88,7 +85,7 @@ def read_coupling(table: Table) -> Coupling | None:
     if "coupling" not in table:
         return None
     row = table.table("coupling")
-    joints = row.texts("joints")
+    joints = row.record(CouplingKeys).joints
     matrix = row.matrix("actuator_to_joint", len(joints), len(joints))
     row.done()
     try:
@@ -102,16 +99,100 @@ def read_counterweight(table: Table) -> Counterweight | None:
     if "counterweight" not in table:
         return None
     row = table.table("counterweight")
-    found = Counterweight(row.text("body"), row.text("joint"), row.number("ratio"))
-    if found.ratio <= 0.0:
-        raise row.fail("ratio", f"got {found.ratio:g}; allowed: above 0")
+    found = row.record(Counterweight)
     row.done()
     return found
 
 
-#: OTHER: an arm that the dVRK does not know, with no rules of its own.
-ARM_TYPES = ("PSM", "ECM", "SUJ", "MTM", "OTHER")
-STRUCTURES = ("", "rcm_arm", "rcm_scope", "gimbal_arm")
+#: Types of arms; OTHER: one that the dVRK lacks, without rules of its own.
+ArmType = Literal["PSM", "ECM", "SUJ", "MTM", "OTHER"]
+Structure = Literal["", "rcm_arm", "rcm_scope", "gimbal_arm"]
+
+
+@dataclass(frozen=True)
+class ArmKeys:
+    """Keys of an arm's file beside its blocks.
+
+    Attributes:
+        name, title: of the arm
+        type: of the arm
+        generation: `Classic` or `Si`
+        source: of numbers without one
+        root: the first frame
+        tip: tip frame
+        relative_to: reference frame of poses
+        inverse_kinematics: structure with a closed form; default: none
+        tool_frame: parent frame of tools; default: no tools
+        default_tool: mounted tool; default: none
+    """
+
+    name: str = field(metadata=key())
+    type: ArmType = field(metadata=key())
+    source: str = field(metadata=key())
+    root: str = field(metadata=key())
+    tip: str = field(metadata=key())
+    relative_to: str = field(metadata=key())
+    title: str = field(default="", metadata=key())
+    generation: str = field(default="", metadata=key())
+    inverse_kinematics: Structure = field(default="", metadata=key())
+    tool_frame: str = field(default="", metadata=key())
+    default_tool: str = field(default="", metadata=key())
+
+
+@dataclass(frozen=True)
+class ToolKeys:
+    """Keys of a tool's file beside its blocks.
+
+    Attributes:
+        name, title, source: of the tool
+        tip: new tip frame of the arm
+        fits: generations of arms, `["Classic", "S", "Si"]`; default: any
+    """
+
+    name: str = field(metadata=key())
+    source: str = field(metadata=key())
+    tip: str = field(metadata=key())
+    title: str = field(default="", metadata=key())
+    fits: tuple[str, ...] = field(default=(), metadata=key())
+
+
+@dataclass(frozen=True)
+class RotorKeys:
+    """Keys of the reflected inertia of a motor.
+
+    Attributes:
+        inertia: of a frame that turns [kg m^2]
+        mass: of a frame that slides [kg]
+    """
+
+    inertia: float | None = field(default=None, metadata=key("inertia", least=0.0))
+    mass: float | None = field(default=None, metadata=key("mass", least=0.0))
+
+
+@dataclass(frozen=True)
+class CouplingKeys:
+    """Keys of the coupling of a tool's actuators and joints.
+
+    Attributes:
+        joints: names, in the order of the rows
+        actuator_to_joint: rows of A in q = A q_actuator
+    """
+
+    joints: tuple[str, ...] = field(metadata=key(default=()))
+    actuator_to_joint: object = field(default=None, metadata=key(form="any", default=...))
+
+
+@dataclass(frozen=True)
+class ArmPoseKeys:
+    """Keys of a named pose of an arm.
+
+    Attributes:
+        name: of the pose
+        q: joints of this file; a tool's are appended to the arm's [rad or m]
+    """
+
+    name: str = field(metadata=key())
+    q: Array = field(metadata=key("position"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,13 +240,13 @@ def read_tool(table: Table) -> ToolDescription:
         DescriptionError: naming file, key, what was got and what is allowed
     """
     table.check_schema()
-    name, title = table.text("name"), table.text("title", "")
-    source, tip = table.text("source"), table.text("tip")
-    fits = table.texts("fits")
-    parts = _read_parts(table, name)
+    keys = table.record(ToolKeys)
+    parts = _read_parts(table, keys.name)
     coupling = read_coupling(table)
     table.done()
-    return ToolDescription(name, title, source, table.file, fits, tip, parts, coupling)
+    return ToolDescription(
+        keys.name, keys.title, keys.source, table.file, keys.fits, keys.tip, parts, coupling
+    )
 
 
 def read_arm(table: Table, tool: ToolDescription | None) -> ArmDescription:
@@ -176,27 +257,20 @@ def read_arm(table: Table, tool: ToolDescription | None) -> ArmDescription:
         InputError: the tool is for arms of another generation
     """
     table.check_schema()
-    name, path = table.text("name"), table.file
-    kind = table.text("type", allowed=ARM_TYPES)
-    generation, title = table.text("generation", ""), table.text("title", "")
-    source = table.text("source")
-    root, reference = table.text("root"), table.text("relative_to")
-    tip = table.text("tip")
-    structure = table.text("inverse_kinematics", "", allowed=STRUCTURES)
-    tool_frame = table.text("tool_frame", "")
-    table.text("default_tool", "")
-    missing = table.each("missing", lambda row: Missing(row.text("what"), row.text("why")))
+    keys, path = table.record(ArmKeys), table.file
+    name, tip = keys.name, keys.tip
+    missing = table.each("missing", lambda row: row.record(Missing))
     parts = _read_parts(table, name)
     balance = read_counterweight(table)
     plan = read_calibration(table)
     table.raw("erratum")  # of the arm's source; descriptions.paper reads them
     table.done()
-    if not parts.frames or parts.frames[0].name != root:
-        raise table.fail("root", f"got {root!r}; allowed: the first frame")
-    if tool is not None and not tool_frame:
+    if not parts.frames or parts.frames[0].name != keys.root:
+        raise table.fail("root", f"got {keys.root!r}; allowed: the first frame")
+    if tool is not None and not keys.tool_frame:
         raise table.fail("tool_frame", f"is missing, so no tool ({tool.name}) can be mounted")
     if tool is not None:
-        check_fit(name, generation, tool)
+        check_fit(name, keys.generation, tool)
         parts, tip = _mount(parts, tool), tool.tip
     try:
         mechanism = check_mechanism(
@@ -205,7 +279,7 @@ def read_arm(table: Table, tool: ToolDescription | None) -> ArmDescription:
                 tuple(_public(j) for j in parts.joints),
                 parts.frames,
                 parts.closures,
-                reference,
+                keys.relative_to,
                 tip,
             )
         )
@@ -215,10 +289,10 @@ def read_arm(table: Table, tool: ToolDescription | None) -> ArmDescription:
         raise DescriptionError(path, "frame", str(problem)) from problem
     arm = ArmDescription(
         name=name,
-        type=kind,
-        generation=generation,
-        title=title,
-        source=source,
+        type=keys.type,
+        generation=keys.generation,
+        title=keys.title,
+        source=keys.source,
         file=path,
         mechanism=mechanism,
         joints=parts.joints,
@@ -228,9 +302,9 @@ def read_arm(table: Table, tool: ToolDescription | None) -> ArmDescription:
         control=parts.control,
         poses=parts.poses,
         tool="" if tool is None else tool.name,
-        tool_frame=tool_frame,
+        tool_frame=keys.tool_frame,
         coupling=None if tool is None else tool.coupling,
-        inverse_kinematics=structure,
+        inverse_kinematics=keys.inverse_kinematics,
         missing=missing,
         row_sources=parts.sources,
         block_sources=parts.block_sources,
@@ -282,10 +356,10 @@ def _read_parts(table: Table, part: str) -> Parts:
 
 def _block_sources(table: Table) -> dict[str, str]:
     """Return the source of each block that is no row, {block: source}."""
-    blocks = [(key, table.optional_table(key)) for key in ("rotor", "coupling")]
-    for key in ("friction", "control"):
-        several = table.optional_table(key)
-        blocks += [(f"{key} {name}", several.table(name)) for name in several.entries()]
+    blocks = [(name, table.optional_table(name)) for name in ("rotor", "coupling")]
+    for kind in ("friction", "control"):
+        several = table.optional_table(kind)
+        blocks += [(f"{kind} {name}", several.table(name)) for name in several.entries()]
     blocks += [(f"loop {row.text('name')}", row) for row in table.tables("closure")]
     blocks += [(f"pose {row.text('name')}", row) for row in table.tables("pose")]
     found = {name: block.text("source", "") for name, block in blocks}

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import combinations
 
+from trocar.descriptions.keys import key
 from trocar.descriptions.table import Table
 from trocar.kinematics.mechanism import Closure, Mechanism
 
@@ -19,15 +20,15 @@ class CalibrationPlan:
     An axis is named after the frame that moves about it, or after the closure whose hinge it is.
 
     Attributes:
-        axes: {label: frame or closure}
-        distances: pairs of labels whose axes one link carries
-        betas: {name: (pair, pair)}: the angle from the second pair's line (from its first axis to
-            its second) to the first pair's, at q = 0, less a right angle
+        axes: {label: frame or closure}, `{ 3 = "pitch_back", c1 = "c1" }`
+        distances: of axes on one link, `["3-4", "4-c1"]`
+        betas: `{ beta1 = ["6-8", "3-6"] }`: angle at q = 0 from the second line to the first, minus
+            pi/2; a line leads from its first axis to its second
     """
 
-    axes: Mapping[str, str]
-    distances: tuple[Pair, ...]
-    betas: Mapping[str, tuple[Pair, Pair]]
+    axes: Mapping[str, str] = field(metadata=key(form="any"))
+    distances: tuple[Pair, ...] = field(metadata=key(form="texts", default=()))
+    betas: Mapping[str, tuple[Pair, Pair]] = field(metadata=key(form="any", default=()))
 
 
 def read_calibration(table: Table) -> CalibrationPlan | None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import cast, get_args
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from trocar.cameras.records import (
     check_bend,
 )
 from trocar.descriptions.frames import read_pose
+from trocar.descriptions.keys import key
 from trocar.descriptions.records import RigArm
 from trocar.descriptions.table import Table, read_table
 from trocar.errors import DescriptionError, InputError, UnknownNameError
@@ -99,17 +101,77 @@ def _read_preset(path: Path) -> Calibration:
     """
     table = read_table(path)
     table.check_schema()
-    name, title, source = table.text("name"), table.text("title", ""), table.text("source")
-    eye = read_eye(table)
-    baseline = table.quantity("baseline", "length", default=np.inf)
+    keys, eye = table.record(CameraFileKeys), read_eye(table)
     table.done()
-    if not np.isfinite(baseline):
-        return MonoCalibration(eye, name, source, title)
+    if keys.baseline is None:
+        return MonoCalibration(eye, keys.name, keys.source, keys.title)
     try:
-        T = translation([baseline, 0.0, 0.0])
-        return StereoCalibration(eye, eye, T, name, source, None, title)
+        T = translation([keys.baseline, 0.0, 0.0])
+        return StereoCalibration(eye, eye, T, keys.name, keys.source, None, keys.title)
     except InputError as problem:
         raise DescriptionError(str(path), "", str(problem)) from problem
+
+
+@dataclass(frozen=True)
+class CameraFileKeys:
+    """Keys of a camera's file beside those of its eyes.
+
+    Attributes:
+        name, title, source: of the camera
+        baseline: distance of the eyes; default: one eye [m]
+    """
+
+    name: str = field(metadata=key())
+    source: str = field(metadata=key())
+    title: str = field(default="", metadata=key())
+    baseline: float | None = field(default=None, metadata=key("length"))
+
+
+@dataclass(frozen=True, eq=False)
+class EyeKeys:
+    """Keys of an eye.
+
+    Attributes:
+        size_px: width and height of the picture
+        fov: horizontal field of view, with square pixels [rad]
+        focal_px: instead of `fov`: fx and fy
+        principal_px: cx and cy; default: the centre of the picture
+        distortion: k1, k2, p1, p2 and optionally k3, or k3 to k6; default: no distortion
+    """
+
+    size_px: Array = field(metadata=key(size=2))
+    fov: float | None = field(default=None, metadata=key("angle"))
+    focal_px: Array | None = field(default=None, metadata=key(size=2))
+    principal_px: Array | None = field(default=None, metadata=key(size=2))
+    distortion: Array = field(default_factory=lambda: np.zeros(0), metadata=key())
+
+
+@dataclass(frozen=True, eq=False)
+class CameraKeys:
+    """Keys of a camera that a rig places, beside its placement and its eye.
+
+    Attributes:
+        name: of the camera
+        kind: `endoscope`: two eyes at the end of an ECM's scope; `view`: in the room or on a link
+        arm: carrier; default: of an `endoscope` the rig's ECM, of a `view` the world
+        frame: of the carrier; default: its tip
+        look_at: target, image upright, instead of `rpy` or `rotation`, (3,) [m]
+        angle: lens angle: 0, 30 deg down or -30 deg up [rad]
+        preset: a built-in camera
+        calibration: instead of `preset`: a calibration's file, or `["left.yaml", "right.yaml"]`,
+            relative to the rig's folder
+        source: of the numbers
+    """
+
+    name: str = field(metadata=key(form="name"))
+    kind: CameraKind = field(metadata=key())
+    source: str = field(metadata=key(default=""))
+    arm: str | None = field(default=None, metadata=key())
+    frame: str | None = field(default=None, metadata=key(of=("view",)))
+    look_at: Array | None = field(default=None, metadata=key("length", size=3, of=("view",)))
+    angle: float = field(default=0.0, metadata=key("angle", of=("endoscope",)))
+    preset: str | None = field(default=None, metadata=key(see="#cameras"))
+    calibration: object = field(default=None, metadata=key(form="any", see="#your-own-scope"))
 
 
 def read_eye(table: Table) -> Intrinsics:
@@ -118,28 +180,29 @@ def read_eye(table: Table) -> Intrinsics:
     Raises:
         DescriptionError: naming file, key, what was got and what is allowed
     """
-    size = table.numbers("size_px", 2)
+    keys = table.record(EyeKeys)
+    size = keys.size_px
     if (size < 1).any() or (size != np.round(size)).any():
         raise table.fail("size_px", f"got {size.tolist()}; allowed: two whole numbers above 0")
     width, height = (int(v) for v in size)
-    focal = _read_focal_lengths(table, width)
-    middle = table.numbers("principal_px", 2, [0.5 * (width - 1.0), 0.5 * (height - 1.0)])
-    distortion = table.numbers("distortion", default=[])
+    focal = _focal_lengths(table, keys, width)
+    middle = keys.principal_px
+    if middle is None:
+        middle = 0.5 * (size - 1.0)
     K = np.array([[focal[0], 0.0, middle[0]], [0.0, focal[1], middle[1]], [0.0, 0.0, 1.0]])
     try:
-        return Intrinsics(width, height, K, distortion)
+        return Intrinsics(width, height, K, keys.distortion)
     except InputError as problem:
         raise DescriptionError(table.file, table.path, str(problem)) from problem
 
 
-def _read_focal_lengths(table: Table, width: int) -> Array:
-    """Return fx and fy [px], given as such or by the angle that the picture spans across."""
-    if "focal_px" in table:
-        if table.has("fov", "angle"):
+def _focal_lengths(table: Table, keys: EyeKeys, width: int) -> Array:
+    """Return fx and fy [px], given as such or by the horizontal field of view."""
+    if keys.focal_px is not None:
+        if keys.fov is not None:
             raise table.fail("focal_px", "contradicts fov; give one of them")
-        return table.numbers("focal_px", 2)
-    table.raw("focal_px")
-    fov = table.quantity("fov", "angle")
+        return keys.focal_px
+    fov = table.quantity("fov", "angle") if keys.fov is None else keys.fov
     if not 0.0 < fov < np.pi:
         raise table.fail(
             "fov", f"got {np.degrees(fov):g} deg; allowed: above 0 to below 180 deg, or focal_px"
@@ -155,29 +218,26 @@ def read_camera(row: Table, arms: Sequence[RigArm]) -> CameraDescription:
         DescriptionError: an unknown kind, arm, frame or preset, a broken calibration, or a
             direction that is none
     """
-    name = row.name()
-    kind = row.text("kind", allowed=KINDS)
-    source = row.text("source", "")
+    keys = row.record(CameraKeys, row.text("kind", allowed=KINDS))
     angle = 0.0
-    if kind == "endoscope":
-        arm, frame, at = _read_scope(row, arms)
+    if keys.kind == "endoscope":
+        arm, frame, at = _on_scope(row, keys, arms)
         try:
-            angle = check_bend(row.quantity("angle", "angle", default=0.0))
+            angle = check_bend(keys.angle)
         except InputError as problem:
             raise row.fail("angle", str(problem).partition(": ")[2]) from problem
-        calibration = _read_calibration(row, stereo=True)
     else:
-        arm, frame, at = _read_view(row, arms)
-        calibration = _read_calibration(row, stereo=False)
-    return CameraDescription(
-        name, cast(CameraKind, kind), arm, frame, at, angle, calibration, source
-    )
+        arm, frame, at = _view(row, keys, arms)
+    calibration = _calibration(row, keys)
+    return CameraDescription(keys.name, keys.kind, arm, frame, at, angle, calibration, keys.source)
 
 
-def _read_scope(row: Table, arms: Sequence[RigArm]) -> tuple[str, str, Array]:
+def _on_scope(row: Table, keys: CameraKeys, arms: Sequence[RigArm]) -> tuple[str, str, Array]:
     """Return arm, frame and T_frame_camera of a camera at the end of an arm's scope."""
     scopes = {a.name: a for a in arms if a.arm.type == "ECM"}
-    name = row.text("arm", next(iter(scopes)) if len(scopes) == 1 else None)
+    name = keys.arm
+    if name is None:
+        name = next(iter(scopes)) if len(scopes) == 1 else row.text("arm")
     if name not in scopes:
         raise row.fail(
             "arm",
@@ -189,26 +249,24 @@ def _read_scope(row: Table, arms: Sequence[RigArm]) -> tuple[str, str, Array]:
     return name, turned, transform(R_ROW_IMAGE, end[:3, 3])
 
 
-def _read_view(row: Table, arms: Sequence[RigArm]) -> tuple[str, str, Array]:
+def _view(row: Table, keys: CameraKeys, arms: Sequence[RigArm]) -> tuple[str, str, Array]:
     """Return arm, frame and T_frame_camera of a camera in the world or on an arm's link."""
-    name, frame = row.text("arm", ""), ""
+    name, frame = keys.arm or "", ""
     if name:
         known = {a.name: a for a in arms}
         row.known("arm", name, known, "this rig has no such arm")
         mechanism = known[name].arm.mechanism
-        frame = row.text("frame", mechanism.tip)
+        frame = mechanism.tip if keys.frame is None else keys.frame
         row.known("frame", frame, mechanism.frame_index, f"{name} has no such frame")
-    elif "frame" in row:
+    elif keys.frame is not None:
         raise row.fail("frame", "needs arm = NAME, whose frame it is")
-    else:
-        row.text("frame", "")
-    if not row.has("look_at", "length"):
+    if keys.look_at is None:
         return name, frame, read_pose(row)
     if "rotation" in row or row.has("rpy", "angle"):
         raise row.fail("look_at", "contradicts rpy or rotation; give one of them")
     row.raw("rotation")
     at = row.vector("xyz", 3, "length", default=np.zeros(3))
-    return name, frame, _looking(row, at, row.vector("look_at", 3, "length"))
+    return name, frame, _looking(row, at, keys.look_at)
 
 
 def _looking(row: Table, at: Array, target: Array) -> Array:
@@ -227,30 +285,27 @@ def _looking(row: Table, at: Array, target: Array) -> Array:
     )
 
 
-def _read_calibration(row: Table, *, stereo: bool) -> Calibration:
-    """Return what a camera sees: a preset, a calibration's files, or size and angle of a view."""
-    ways = ("preset", "calibration") if stereo else ("preset", "calibration", "size_px")
-    given = [key for key in ways if key in row]
-    for key in ways:
-        row.raw(key)
+def _calibration(row: Table, keys: CameraKeys) -> Calibration:
+    """Return the calibration of a camera: a preset, files, or size and angle of a view."""
+    ways = ("preset", "calibration", "size_px")[: 2 if keys.kind == "endoscope" else 3]
+    given = [way for way in ways if way in row]
+    for way in ways:
+        row.raw(way)
     if len(given) > 1:
         raise row.fail(given[1], f"contradicts {given[0]}; give one of them")
     if not given:
         raise row.fail(ways[0], f"is missing; allowed keys: {', '.join(ways)}")
     if given == ["size_px"]:
-        return MonoCalibration(read_eye(row), "", row.text("source", ""))
+        return MonoCalibration(read_eye(row), "", keys.source)
     try:
-        source = _source(row, given[0])
-        return load_stereo_camera(source) if stereo else load_camera(source)
+        source = keys.preset or _files(row)
+        return load_stereo_camera(source) if keys.kind == "endoscope" else load_camera(source)
     except InputError as problem:
         raise row.fail(given[0], str(problem)) from problem
 
 
-def _source(row: Table, key: str) -> Source:
-    """Return a preset's name, or one or two paths, which are relative to the rig's folder."""
-    if key == "preset":
-        return row.text("preset")
-    value = row.raw(key)
-    names = (row.text(key),) if isinstance(value, str) else row.texts(key)
-    folder = Path(row.file).parent
-    return [folder / name for name in names]
+def _files(row: Table) -> list[Path]:
+    """Return the one or two files of a calibration, which are relative to the rig's folder."""
+    one = isinstance(row.raw("calibration"), str)
+    names = (row.text("calibration"),) if one else row.texts("calibration")
+    return [Path(row.file).parent / name for name in names]

@@ -181,22 +181,17 @@ def _full(values: Array) -> Array:
 
 
 def _read_body(row: Table) -> BodyDynamics:
-    mass = row.quantity("mass", "mass")
-    com = row.vector("com", 3, "length")
     inertia = _full(row.numbers("inertia_kgm2", 6))
-    if not mass > 0.0:
-        raise row.fail("mass_kg", f"got {mass:g}; allowed: more than 0")
+    sigma = _full(row.numbers("inertia_sigma_kgm2", 6)) if "inertia_sigma_kgm2" in row else None
+    found = row.record(BodyDynamics, inertia=inertia, inertia_sigma=sigma)
+    if not found.mass > 0.0:
+        raise row.fail("mass_kg", f"got {found.mass:g}; allowed: more than 0")
     second = 0.5 * np.trace(inertia) * np.eye(3) - inertia
     if np.linalg.eigvalsh(second).min() < -1e-9 * np.trace(inertia):
         raise row.fail(
             "inertia_kgm2", f"got {six(inertia).tolist()}; allowed: the inertia of a possible body"
         )
-    sigmas = (
-        row.quantity("mass_sigma", "mass") if row.has("mass_sigma", "mass") else None,
-        row.vector("com_sigma", 3, "length") if row.has("com_sigma", "length") else None,
-        _full(row.numbers("inertia_sigma_kgm2", 6)) if "inertia_sigma_kgm2" in row else None,
-    )
-    return BodyDynamics(mass, com, inertia, *sigmas)
+    return found
 
 
 def _read_drivetrain(row: Table) -> Drivetrain:
@@ -230,15 +225,7 @@ def _read_drivetrain(row: Table) -> Drivetrain:
 
 
 def _read_filters(row: Table) -> FilterSettings:
-    usual = FilterSettings()
-    second = row.optional_table("acceleration_cutoff_hz")
-    found = FilterSettings(
-        row.number("rate_hz", usual.rate_hz),
-        row.number("cutoff_hz", usual.cutoff_hz),
-        int(row.number("order", usual.order)),
-        {joint: second.number(joint) for joint in second.entries()},
-        row.texts("differentiated"),
-    )
+    found = row.record(FilterSettings)
     row.done()
     if not (found.rate_hz > 0.0 and found.cutoff_hz > 0.0 and 1 <= found.order <= 12):
         raise InputError(

@@ -12,13 +12,15 @@ constraints, potential fields).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, Protocol, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.descriptions.keys import key
 from trocar.descriptions.table import Table, read_table
 
 Array = NDArray[np.float64]
@@ -52,8 +54,8 @@ class Plane:
         normal: points to the allowed side, unit vector, (3,)
     """
 
-    point: Array
-    normal: Array
+    point: Array = field(metadata=key("length", size=3))
+    normal: Array = field(metadata=key(form="direction"))
 
     def nearest(self, p: Array) -> Array:
         """Return the allowed point nearest to a point; both (3,) [m]."""
@@ -65,14 +67,14 @@ class Cone:
     """The inside of a cone, which narrows towards its apex.
 
     Attributes:
-        apex: (3,) [m]
+        apex: its point, (3,) [m]
         axis: from the apex into the cone, unit vector, (3,)
         half_angle: between axis and surface, above 0 and below pi/2 [rad]
     """
 
-    apex: Array
-    axis: Array
-    half_angle: float
+    apex: Array = field(metadata=key("length", size=3))
+    axis: Array = field(metadata=key(form="direction"))
+    half_angle: float = field(metadata=key("angle"))
 
     def nearest(self, p: Array) -> Array:
         """Return the allowed point nearest to a point; both (3,) [m]."""
@@ -94,12 +96,12 @@ class Tube:
     """All points within a clearance of a path of straight pieces.
 
     Attributes:
-        points: corners of the path, (k, 3) [m]
+        points: corners of the path, two or more, (k, 3) [m]
         clearance: radius of the tube [m]
     """
 
-    points: Array
-    clearance: float
+    points: Array = field(metadata=key(name="points_mm", form="any"))
+    clearance: float = field(metadata=key("length", above=0.0))
 
     def nearest(self, p: Array) -> Array:
         """Return the allowed point nearest to a point; both (3,) [m]."""
@@ -117,16 +119,16 @@ class NeedleArc:
     Attributes:
         center: of the circle, (3,) [m]
         normal: axis about which the arc runs, right-handed, unit vector, (3,)
-        start: where the arc begins, (3,) [m]
+        start: first point of the arc, (3,) [m]
         sweep: angle of the arc, above 0 to 2 pi [rad]
         clearance: radius of the tube about the arc [m]
     """
 
-    center: Array
-    normal: Array
-    start: Array
-    sweep: float
-    clearance: float
+    center: Array = field(metadata=key("length", size=3))
+    normal: Array = field(metadata=key(form="direction"))
+    start: Array = field(metadata=key("length", size=3))
+    sweep: float = field(metadata=key("angle"))
+    clearance: float = field(metadata=key("length", above=0.0))
 
     def nearest(self, p: Array) -> Array:
         """Return the allowed point nearest to a point; both (3,) [m]."""
@@ -150,24 +152,29 @@ class Fixture:
     """A region, and how it acts on the tip of an arm.
 
     Attributes:
-        name: unique in its file
-        arm: the PSM whose tip it is for
-        mode: "force": masters push the hand back into the region; "filter": commanded tip positions
+        name: unique in the file; default: its kind
+        arm: the PSM whose tip it guides
+        mode: `force`: masters push the hand back into the region; `filter`: commanded tip positions
             are replaced by the nearest allowed ones
-        frame: "world", or the name of an arm (its reference frame) or of a movable prop
+        frame: the world, an arm (its reference frame) or a movable prop
         region: allowed points in that frame
-        stiffness: of a force, at the master's handle [N/m]; 0 of a filter
+        stiffness: at the master's handle; 0 of a filter [N/m]
         force_max: largest force [N]
-        file, key: where it was read
+        file, key: place of its table
     """
 
-    name: str
-    arm: str
-    mode: Mode
-    frame: str
+    name: str = field(metadata=key(default=""))
+    arm: str = field(metadata=key())
+    mode: Mode = field(metadata=key())
+    frame: str = field(metadata=key(default=WORLD))
     region: Region
-    stiffness: float
-    force_max: float
+    stiffness: float = field(
+        default=0.0,
+        metadata=key("linear stiffness", above=0.0, of=("force",), default=...),
+    )
+    force_max: float = field(
+        default=0.0, metadata=key("force", above=0.0, of=("force",), default=FORCE_MAX_N)
+    )
     file: str = ""
     key: str = ""
 
@@ -204,35 +211,25 @@ def read_fixtures(path: str | Path) -> tuple[Fixture, ...]:
 
 
 def _read_fixture(row: Table) -> Fixture:
-    kind = row.text("kind", allowed=("plane", "cone", "tube", "needle_arc"))
-    region = {"plane": _plane, "cone": _cone, "tube": _tube, "needle_arc": _needle_arc}[kind](row)
-    mode = cast(Mode, row.text("mode", allowed=MODES))
-    stiffness, force_max = 0.0, 0.0
-    if mode == "force":
-        stiffness = row.positive("stiffness", "linear stiffness")
-        force_max = row.positive("force_max", "force", default=FORCE_MAX_N)
-    return Fixture(
-        row.text("name", kind),
-        row.text("arm"),
-        mode,
-        row.text("frame", WORLD),
-        region,
-        stiffness,
-        force_max,
-        row.file,
-        row.path,
+    kind = row.text("kind", allowed=tuple(REGIONS))
+    region = REGIONS[kind](row)
+    mode = row.text("mode", allowed=MODES)
+    return row.record(
+        Fixture, mode, region=region, defaults={"name": kind}, file=row.file, key=row.path
     )
 
 
 def _plane(row: Table) -> Plane:
-    return Plane(row.vector("point", 3, "length"), row.direction("normal"))
+    return row.record(Plane)
 
 
 def _cone(row: Table) -> Cone:
-    half = row.quantity("half_angle", "angle")
-    if not 0.0 < half < 0.5 * math.pi:
-        raise row.fail("half_angle", f"got {half:g} rad; allowed: above 0 and below pi/2 (90 deg)")
-    return Cone(row.vector("apex", 3, "length"), row.direction("axis"), half)
+    cone = row.record(Cone)
+    if not 0.0 < cone.half_angle < 0.5 * math.pi:
+        raise row.fail(
+            "half_angle", f"got {cone.half_angle:g} rad; allowed: above 0 and below pi/2 (90 deg)"
+        )
+    return cone
 
 
 def _tube(row: Table) -> Tube:
@@ -242,24 +239,32 @@ def _tube(row: Table) -> Tube:
     points = 1e-3 * row.matrix("points_mm", len(cast(list[object], rows)), 3)
     if (np.diff(points, axis=0) == 0.0).all(axis=1).any():
         raise row.fail("points_mm", "got the same point twice in a row; allowed: different ones")
-    return Tube(points, row.positive("clearance", "length"))
+    return row.record(Tube, points=points)
 
 
 def _needle_arc(row: Table) -> NeedleArc:
-    center, start = row.vector("center", 3, "length"), row.vector("start", 3, "length")
-    normal, sweep = row.direction("normal"), row.quantity("sweep", "angle")
-    radius = float(np.linalg.norm(start - center))
-    if radius == 0.0 or abs(normal @ (start - center)) > SQUARE * radius:
+    arc = row.record(NeedleArc)
+    out = arc.start - arc.center
+    radius, rise = float(np.linalg.norm(out)), float(arc.normal @ out)
+    if radius == 0.0 or abs(rise) > SQUARE * radius:
         raise row.fail("start", "allowed: a point in the plane through center, square to normal")
-    if not 0.0 < sweep <= math.tau:
-        raise row.fail("sweep", f"got {sweep:g} rad; allowed: above 0 to 2 pi (360 deg)")
-    clearance = row.positive("clearance", "length")
-    if clearance >= radius:
+    if not 0.0 < arc.sweep <= math.tau:
+        raise row.fail("sweep", f"got {arc.sweep:g} rad; allowed: above 0 to 2 pi (360 deg)")
+    if arc.clearance >= radius:
         raise row.fail(
-            "clearance", f"got {clearance:g} m; allowed: below the radius of the arc, {radius:g} m"
+            "clearance",
+            f"got {arc.clearance:g} m; allowed: below the radius of the arc, {radius:g} m",
         )
-    square = start - (normal @ (start - center)) * normal
-    return NeedleArc(center, normal, square, sweep, clearance)
+    return replace(arc, start=arc.start - (arc.normal @ out) * arc.normal)
+
+
+#: {kind: reader of its region}.
+REGIONS: dict[str, Callable[[Table], Region]] = {
+    "plane": _plane,
+    "cone": _cone,
+    "tube": _tube,
+    "needle_arc": _needle_arc,
+}
 
 
 def _within(p: Array, foot: Array, clearance: float) -> Array:

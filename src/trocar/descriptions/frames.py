@@ -9,53 +9,44 @@ that frame_a turns about, and carries the point that both sides share.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
-from typing import cast
+from dataclasses import dataclass, field, replace
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.descriptions.keys import key
 from trocar.descriptions.records import Body, JointDescription, Spring
 from trocar.descriptions.table import Table
 from trocar.errors import TrocarError
 from trocar.geometry.dh import modified_dh, standard_dh
 from trocar.geometry.rotations import check_rotation, matrix_from_rotation_vector, matrix_from_rpy
 from trocar.geometry.se3 import inverse, transform
-from trocar.kinematics.mechanism import Closure, Frame, Motion
+from trocar.kinematics.mechanism import Closure, Frame, JointKind, Motion
 
 Array = NDArray[np.float64]
 
 
+def _origin() -> Array:
+    return np.zeros(3)
+
+
 def read_joint(row: Table) -> JointDescription:
     """Return a public joint with its limits and what drives it."""
-    name = row.text("name")
-    kind = row.text("kind", allowed=("revolute", "prismatic"))
+    kind = row.text("kind", allowed=get_args(JointKind))
     turns = kind == "revolute"
-    measure, way = ("angle", "angular") if turns else ("length", "linear")
-    effort = "torque" if turns else "force"
-    lower, upper = row.quantity("lower", measure), row.quantity("upper", measure)
-    if not lower < upper:
-        raise row.fail("lower", f"got {lower:g}; allowed: less than the upper limit {upper:g}")
     drive = row.table("drive")
     if len(drive.entries()) != 1:
         raise row.fail("drive", f"got {drive.entries()}; allowed: one frame = weight")
-    joint = JointDescription(
-        name=name,
-        kind="revolute" if turns else "prismatic",
-        lower=lower,
-        upper=upper,
-        effort_max=row.positive("effort_max", effort, default=np.inf),
-        velocity_max=row.positive("velocity_max", f"{way} velocity", default=np.inf),
-        acceleration_max=row.positive("acceleration_max", f"{way} acceleration", default=np.inf),
-        tracking_tolerance=row.positive("tracking_tolerance", measure, default=np.inf),
+    joint = row.record(
+        JointDescription,
+        turns=turns,
         drive=tuple((frame, drive.number(frame)) for frame in drive.entries()),
-        stop_lower=row.quantity("stop_lower", measure, default=lower),
-        stop_upper=row.quantity("stop_upper", measure, default=upper),
-        no_load=row.positive("no_load", f"{way} velocity", default=np.inf),
-        stall=row.positive("stall", effort, default=np.inf),
         spring=_read_spring(row) if turns else None,
-        source=row.text("source", ""),
     )
+    lower, upper = joint.lower, joint.upper
+    if not lower < upper:
+        raise row.fail("lower", f"got {lower:g}; allowed: less than the upper limit {upper:g}")
     if not lower <= joint.stop_lower < joint.stop_upper <= upper:
         raise row.fail("stop_lower", "mechanical stops must lie inside the limits")
     if np.isfinite(joint.no_load) != np.isfinite(joint.stall) or joint.stall < joint.effort_max:
@@ -69,59 +60,133 @@ def _read_spring(row: Table) -> Spring | None:
     if "spring" not in row:
         return None
     table = row.table("spring")
-    stiffness = table.positive("stiffness", "angular stiffness", default=0.0)
-    spring = Spring(stiffness, table.quantity("rest", "angle"))
+    spring = table.record(Spring)
     table.done()
     return spring
 
 
+@dataclass(frozen=True, eq=False)
+class FrameKeys:
+    """Keys of a frame beside its placement.
+
+    Attributes:
+        name, parent: of the frame
+        motion: along or about z
+        q: `{ pitch = -1.0 }`: coordinate = sum of ratio times joint; several only inside a loop
+        lower, upper: range of its coordinate, where several joints move it; default: none
+            [rad or m]
+    """
+
+    name: str = field(metadata=key())
+    parent: str = field(default="", metadata=key())
+    motion: Motion = field(default="fixed", metadata=key())
+    q: Mapping[str, float] = field(default_factory=dict[str, float], metadata=key())
+    lower: float = field(default=-np.inf, metadata=key("angle", "length"))
+    upper: float = field(default=np.inf, metadata=key("angle", "length"))
+
+
+@dataclass(frozen=True)
+class DhKeys:
+    """Keys of a frame's placement by Denavit and Hartenberg.
+
+    Attributes:
+        dh: convention of the row of the next four keys
+        a, alpha, d, theta: the motion adds to theta or d [m, rad, m, rad]
+    """
+
+    dh: Literal["modified", "standard"] = field(metadata=key())
+    a: float = field(metadata=key("length", default=0.0))
+    alpha: float = field(metadata=key("angle", default=0.0))
+    d: float = field(metadata=key("length", default=0.0))
+    theta: float = field(metadata=key("angle", default=0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class PoseKeys:
+    """Keys of a pose.
+
+    Attributes:
+        xyz: position, (3,) [m]
+        rpy: angles about the fixed axes x, y, z, (3,) [rad]
+        rotation: instead of `rpy`: rows of a rotation matrix
+    """
+
+    xyz: Array = field(default_factory=_origin, metadata=key("length", size=3))
+    rpy: Array | None = field(default=None, metadata=key("angle", size=3, of=("rpy",)))
+    rotation: object = field(default=None, metadata=key(form="any", of=("rotation",)))
+
+
+@dataclass(frozen=True, eq=False)
+class ClosureKeys:
+    """Keys of a hinge that closes a loop; it is a frame, too.
+
+    Attributes:
+        name: of the hinge
+        frame_a, point_a: point on a frame, (3,) [m]
+        frame_b, point_b: point on another frame, in the same place, (3,) [m]
+        passive: the two frames that the loop determines
+        guard: two frames of equal angles in a parallelogram; default: no guard
+        open: whether the hinge is broken
+        slides: whether the pin, a passive frame `c1_pin`, shifts along the axis of `frame_a`: for
+            axes that are not parallel
+    """
+
+    name: str = field(metadata=key())
+    frame_a: str = field(metadata=key())
+    point_a: Array = field(metadata=key("length", size=3))
+    frame_b: str = field(metadata=key())
+    point_b: Array = field(metadata=key("length", size=3))
+    passive: tuple[str, ...] = field(metadata=key(default=()))
+    guard: tuple[str, ...] = field(
+        metadata=key(default=(), see="mechanism.md#singular-loops-and-the-wrong-branch")
+    )
+    open: bool = field(metadata=key(default=False, see="tutorial/03_open_a_loop.md"))
+    slides: bool = field(metadata=key(default=False))
+
+
 def read_frame(row: Table) -> Frame:
-    """Return a frame: where it stands on its parent, and what moves it."""
-    name = row.text("name")
-    parent = row.text("parent", "") or None
-    motion = cast(Motion, row.text("motion", "fixed", allowed=("fixed", "revolute", "prismatic")))
+    """Read a frame: its placement on its parent, and its motion."""
+    motion = row.text("motion", "fixed", allowed=get_args(Motion))
+    keys = row.record(FrameKeys, turns=motion != "prismatic")
     before, after = _read_placement(row)
     if motion == "fixed":
         before, after = before @ after, np.eye(4)
-    coupling = row.optional_table("q")
-    couplings = tuple((joint, coupling.number(joint)) for joint in coupling.entries())
-    if (motion == "fixed") != (not couplings):
+    if (motion == "fixed") != (not keys.q):
         raise row.fail("q", "a moving frame needs q = { joint = ratio }, a fixed one has none")
-    measure = "length" if motion == "prismatic" else "angle"
-    lower = row.quantity("lower", measure, default=-np.inf)
-    upper = row.quantity("upper", measure, default=np.inf)
+    lower, upper = keys.lower, keys.upper
     if not lower < upper:
         raise row.fail("lower", f"got {lower:g}; allowed: less than the upper limit {upper:g}")
-    return Frame(name, parent, motion, before, after, couplings, lower, upper)
+    couplings = tuple(keys.q.items())
+    return Frame(
+        keys.name, keys.parent or None, keys.motion, before, after, couplings, lower, upper
+    )
 
 
 def _read_placement(row: Table) -> tuple[Array, Array]:
-    """Return (before, after) of a frame: what comes ahead of its motion and what follows."""
+    """Return the parts of a frame's placement before and after its motion."""
     if "dh" in row:
-        convention = row.text("dh", allowed=("modified", "standard"))
-        a = row.quantity("a", "length", default=0.0)
-        alpha = row.quantity("alpha", "angle", default=0.0)
-        d = row.quantity("d", "length", default=0.0)
-        theta = row.quantity("theta", "angle", default=0.0)
-        if convention == "modified":
-            return exact(modified_dh(a, alpha, d, theta)), np.eye(4)
-        return exact(standard_dh(0.0, 0.0, d, theta)), exact(standard_dh(a, alpha, 0.0, 0.0))
+        dh = row.record(DhKeys)
+        if dh.dh == "modified":
+            return exact(modified_dh(dh.a, dh.alpha, dh.d, dh.theta)), np.eye(4)
+        before, after = standard_dh(0.0, 0.0, dh.d, dh.theta), standard_dh(dh.a, dh.alpha, 0.0, 0.0)
+        return exact(before), exact(after)
     turned = "rotation" not in row and row.has("rpy", "angle")
     at = read_pose(row)
     return exact(at) if turned else at, np.eye(4)
 
 
 def read_pose(row: Table) -> Array:
-    """Return a pose given as xyz and rpy or rotation, identity when absent, (4, 4)."""
+    """Read a pose, identity when absent, (4, 4)."""
     turn = np.eye(3)
+    keys = row.record(PoseKeys, "rotation" if "rotation" in row else "rpy")
     if "rotation" in row:
         try:
             turn = check_rotation(row.matrix("rotation", 3, 3))
         except TrocarError as problem:
             raise row.fail("rotation", str(problem)) from problem
-    elif row.has("rpy", "angle"):
-        turn = matrix_from_rpy(*row.vector("rpy", 3, "angle"))
-    return transform(turn, row.vector("xyz", 3, "length", default=np.zeros(3)))
+    elif keys.rpy is not None:
+        turn = matrix_from_rpy(*keys.rpy)
+    return transform(turn, keys.xyz)
 
 
 def exact(matrix: Array) -> Array:
@@ -131,23 +196,23 @@ def exact(matrix: Array) -> Array:
 
 def read_closure(row: Table) -> tuple[Closure, bool]:
     """Return a hinge that closes a loop, and whether its pin may slide along its axis."""
-    name = row.text("name")
-    passive, guard = row.texts("passive"), row.texts("guard")
+    keys = row.record(ClosureKeys)
+    passive, guard = keys.passive, keys.guard
     if len(passive) != 2:
         raise row.fail("passive", f"got {list(passive)}; allowed: the two frames it determines")
     if len(guard) not in (0, 2):
         raise row.fail("guard", f"got {list(guard)}; allowed: two frames, or none")
     closure = Closure(
-        name,
-        row.text("frame_a"),
-        row.vector("point_a", 3, "length"),
-        row.text("frame_b"),
-        row.vector("point_b", 3, "length"),
+        keys.name,
+        keys.frame_a,
+        keys.point_a,
+        keys.frame_b,
+        keys.point_b,
         (passive[0], passive[1]),
         guard,
-        row.flag("open", False),
+        keys.open,
     )
-    return closure, row.flag("slides", False)
+    return closure, keys.slides
 
 
 #: A pin's own mass, and what resists its slide besides, as a rotor does [kg]. Source: measured on a

@@ -7,13 +7,14 @@ triangle); the OBJ format (Wavefront, 1992: lines v and f, indices from 1, negat
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.descriptions.keys import key
 from trocar.descriptions.table import Table
 from trocar.errors import DescriptionError
 from trocar.inputs import read_input
@@ -48,16 +49,29 @@ class Mesh:
     normals: Array | None = None
 
 
+@dataclass(frozen=True)
+class MeshKeys:
+    """Keys of a mesh's file.
+
+    Attributes:
+        file: STL or OBJ beside the TOML file
+        scale: its unit [m]
+    """
+
+    file: str = field(metadata=key())
+    scale: float = field(metadata=key("length", above=0.0, default=1e-3))
+
+
 def read_mesh(table: Table) -> Mesh:
-    """Return the mesh that a shape's `file` holds, in metres.
+    """Read the mesh of a shape's file, in metres.
 
     Raises:
         DescriptionError: no such file, an unknown format, no triangles, too many, or numbers that
             are not finite
     """
-    name = table.text("file")
+    keys = table.record(MeshKeys)
+    name, scale = keys.file, keys.scale
     path = Path(table.file).parent / name
-    scale = table.positive("scale", "length", default=1e-3)
     if path.suffix.lower() not in FORMATS:
         raise table.fail("file", f"got {name!r}; allowed: a file that ends in {', '.join(FORMATS)}")
     try:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from trocar.descriptions.keys import key
+from trocar.descriptions.materials import MATERIALS
 from trocar.descriptions.meshes import Mesh
 from trocar.descriptions.table import Table, read_table
 from trocar.errors import InputError
@@ -48,10 +50,11 @@ class Needle:
 
     def __post_init__(self) -> None:
         """Check the dimensions."""
-        for key in ("radius", "arc", "wire", "taper"):
-            check_numbers(getattr(self, key), (), f"needle: {key}")
-        for key, problem in _faults(self.radius, self.arc, self.wire, self.taper):
-            raise InputError(f"needle: {key}: {problem}")
+        sizes = self.radius, self.arc, self.wire, self.taper
+        for size, name in zip(sizes, ("radius", "arc", "wire", "taper"), strict=True):
+            check_numbers(size, (), f"needle: {name}")
+        for name, problem in _faults(*sizes):
+            raise InputError(f"needle: {name}: {problem}")
 
     @property
     def length(self) -> float:
@@ -137,15 +140,58 @@ class Needle:
         )
 
 
+@dataclass(frozen=True)
+class NeedleSize:
+    """Key of a needle's size.
+
+    Attributes:
+        size: a usual needle: half a circle or 3/8 of one, with its length along the arc in mm;
+            `half_training`: radius 10 mm, wire of 1 mm
+    """
+
+    size: str = field(metadata=key())
+
+
+@dataclass(frozen=True)
+class NeedleLook:
+    """Key of a needle's surface.
+
+    Attributes:
+        material: of its drawing
+    """
+
+    material: str = field(default="steel", metadata=key(choices=tuple(MATERIALS)))
+
+
+@dataclass(frozen=True)
+class NeedleKeys:
+    """Keys of a needle's dimensions, in place of its size.
+
+    Attributes:
+        arc: angle from swage to tip [rad]
+        radius: of the circle [m]
+        length: along the arc, instead of `radius` [m]
+        wire: diameter [m]
+        taper: length of the point [m]
+    """
+
+    arc: float = field(metadata=key("angle"))
+    radius: float | None = field(default=None, metadata=key("length"))
+    length: float | None = field(default=None, metadata=key("length"))
+    wire: float = field(kw_only=True, metadata=key("length"))
+    taper: float = field(kw_only=True, metadata=key("length"))
+
+
 def read_needle(table: Table) -> Needle:
-    """Return the needle that a table gives: the name of a size, or its dimensions.
+    """Read a needle: the name of a size, or its dimensions.
 
     Raises:
         DescriptionError: an unknown size, or dimensions that make no needle
     """
     if "size" in table:
         sizes = read_table(DATA)
-        return _read_dimensions(sizes.table(table.text("size", allowed=tuple(sizes.entries()))))
+        size = table.record(NeedleSize, choices={"size": sizes.entries()}).size
+        return _read_dimensions(sizes.table(size))
     return _read_dimensions(table)
 
 
@@ -169,22 +215,22 @@ def needle_named(text: str) -> Needle:
 
 
 def _read_dimensions(row: Table) -> Needle:
-    arc = row.quantity("arc", "angle")
-    if row.has("length", "length") and row.has("radius", "length"):
+    keys = row.record(NeedleKeys)
+    if keys.length is not None and keys.radius is not None:
         raise row.fail("length", "contradicts the radius; give one of them")
-    if row.has("length", "length"):
-        radius = row.quantity("length", "length") / (arc if arc > 0.0 else 1.0)
+    if keys.length is not None:
+        radius = keys.length / (keys.arc if keys.arc > 0.0 else 1.0)
     else:
         radius = row.quantity("radius", "length")
-    found = radius, arc, row.quantity("wire", "length"), row.quantity("taper", "length")
-    for key, problem in _faults(*found):
-        raise row.fail(key, problem)
+    found = radius, keys.arc, keys.wire, keys.taper
+    for name, problem in _faults(*found):
+        raise row.fail(name, problem)
     return Needle(*found)
 
 
 def _faults(radius: float, arc: float, wire: float, taper: float) -> Iterator[tuple[str, str]]:
     """Yield the names of impossible dimensions, each with what was got and what is allowed."""
-    for key, value, most, scale, unit in (
+    for name, value, most, scale, unit in (
         ("arc", arc, 2.0 * np.pi, 180.0 / np.pi, "deg"),
         ("radius", radius, 0.1, 1e3, "mm"),
         ("wire", wire, 0.5 * radius, 1e3, "mm"),
@@ -192,7 +238,7 @@ def _faults(radius: float, arc: float, wire: float, taper: float) -> Iterator[tu
     ):
         if not 0.0 < value <= most:
             yield (
-                key,
+                name,
                 f"got {scale * value:g} {unit}; allowed: above 0, up to {scale * most:g} {unit}",
             )
 

@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,6 @@ from trocar.descriptions.frames import (
 )
 from trocar.descriptions.overlay_records import (
     CameraPatch,
-    ClosureKind,
     ClosurePatch,
     FramePatch,
     Overlay,
@@ -248,7 +247,6 @@ def _check_closed(mechanism: Mechanism, overlay: Overlay, where: str) -> None:
         raise DescriptionError(where, "closures", str(problem)) from problem
 
 
-CLOSURES = ("parallelogram", "general")
 HEADER = """\
 # A calibrated robot's own geometry, laid over the description of its kind:
 #   trocar sim --calibration THIS_FILE (geometry), trocar sim --dynamics THIS_FILE (dynamics)
@@ -360,9 +358,7 @@ def _eye(eye: Intrinsics) -> dict[str, Any]:
 
 def _read(table: Table) -> Overlay:
     table.check_schema(", of a calibration's overlay")
-    arm = table.text("arm")
-    closure = table.text("closure", "parallelogram", allowed=CLOSURES)
-    warnings = table.texts("warnings")
+    head = table.record(Overlay, file=table.file)
     source = table.optional_table("source")
     about = {key: source.text(key) for key in source.entries()}
     frames = table.named("frames", _read_frame)
@@ -370,23 +366,18 @@ def _read(table: Table) -> Overlay:
     measured = table.raw("measured", {})
     if not isinstance(measured, dict):
         raise table.fail("measured", f"got {measured!r}; allowed: a table")
-    dynamics = read_dynamics(table)
-    camera = _read_camera(table.table("camera")) if "camera" in table else None
-    bases = table.named("bases", _read_frame)
-    table.done()
-    return Overlay(
-        arm,
-        cast(ClosureKind, closure),
-        frames,
-        closures,
-        cast(dict[str, Any], measured),
-        about,
-        warnings,
-        table.file,
-        dynamics,
-        camera,
-        bases,
+    found = replace(
+        head,
+        frames=frames,
+        closures=closures,
+        measured=measured,
+        source=about,
+        dynamics=read_dynamics(table),
+        camera=_read_camera(table.table("camera")) if "camera" in table else None,
+        bases=table.named("bases", _read_frame),
     )
+    table.done()
+    return found
 
 
 def _read_camera(table: Table) -> CameraPatch:
@@ -405,31 +396,11 @@ def _read_camera(table: Table) -> CameraPatch:
 
 
 def _read_frame(row: Table) -> FramePatch:
-    return FramePatch(
-        row.vector("xyz", 3, "length"),
-        row.vector("rpy", 3, "angle"),
-        _read_sigma(row, "xyz_sigma", "length"),
-        _read_sigma(row, "rpy_sigma", "angle"),
-    )
+    return row.record(FramePatch)
 
 
 def _read_closure(row: Table) -> ClosurePatch:
-    return ClosurePatch(
-        row.vector("point_a", 3, "length"),
-        row.vector("point_b", 3, "length"),
-        _read_sigma(row, "point_a_sigma", "length"),
-        _read_sigma(row, "point_b_sigma", "length"),
-        row.flag("slides", False),
-    )
-
-
-def _read_sigma(row: Table, name: str, dimension: str) -> Array | None:
-    if not row.has(name, dimension):
-        return None
-    sigma = row.vector(name, 3, dimension)
-    if (sigma < 0.0).any():
-        raise row.fail(name, f"got {sigma.tolist()}; allowed: 0 or more")
-    return sigma
+    return row.record(ClosurePatch)
 
 
 #: Weight of an axis is its distance to the power of minus this. Source: our own choice: the bosses

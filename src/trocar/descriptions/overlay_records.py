@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.cameras.records import StereoCalibration
+from trocar.descriptions.keys import key
 
 Array = NDArray[np.float64]
 ClosureKind = Literal["parallelogram", "general"]
@@ -40,11 +41,11 @@ class BodyDynamics:
         mass_sigma, com_sigma, inertia_sigma: one standard deviation; None: not known
     """
 
-    mass: float
-    com: Array
+    mass: float = field(metadata=key("mass"))
+    com: Array = field(metadata=key("length", size=3))
     inertia: Array
-    mass_sigma: float | None = None
-    com_sigma: Array | None = None
+    mass_sigma: float | None = field(default=None, metadata=key("mass"))
+    com_sigma: Array | None = field(default=None, metadata=key("length", size=3))
     inertia_sigma: Array | None = None
 
 
@@ -96,11 +97,13 @@ class FilterSettings:
         differentiated: joints whose velocity is the derivative of the filtered position
     """
 
-    rate_hz: float = 200.0
-    cutoff_hz: float = 17.0
-    order: int = 6
-    acceleration_cutoff_hz: Mapping[str, float] = field(default_factory=dict[str, float])
-    differentiated: tuple[str, ...] = ()
+    rate_hz: float = field(default=200.0, metadata=key())
+    cutoff_hz: float = field(default=17.0, metadata=key())
+    order: int = field(default=6, metadata=key())
+    acceleration_cutoff_hz: Mapping[str, float] = field(
+        default_factory=dict[str, float], metadata=key()
+    )
+    differentiated: tuple[str, ...] = field(default=(), metadata=key())
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,10 +136,10 @@ class FramePatch:
             Not of the three angles: these have no meaning each where the frame is pitched by 90 deg
     """
 
-    xyz: Array
-    rpy: Array
-    xyz_sigma: Array | None = None
-    rpy_sigma: Array | None = None
+    xyz: Array = field(metadata=key("length", size=3))
+    rpy: Array = field(metadata=key("angle", size=3))
+    xyz_sigma: Array | None = field(default=None, metadata=key("length", size=3, least=0.0))
+    rpy_sigma: Array | None = field(default=None, metadata=key("angle", size=3, least=0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,11 +153,11 @@ class ClosurePatch:
             parallel need
     """
 
-    point_a: Array
-    point_b: Array
-    point_a_sigma: Array | None = None
-    point_b_sigma: Array | None = None
-    slides: bool = False
+    point_a: Array = field(metadata=key("length", size=3))
+    point_b: Array = field(metadata=key("length", size=3))
+    point_a_sigma: Array | None = field(default=None, metadata=key("length", size=3, least=0.0))
+    point_b_sigma: Array | None = field(default=None, metadata=key("length", size=3, least=0.0))
+    slides: bool = field(default=False, metadata=key())
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,13 +193,13 @@ class Overlay:
             stand where the rig has them
     """
 
-    arm: str
-    closure: ClosureKind = "parallelogram"
+    arm: str = field(metadata=key())
+    closure: ClosureKind = field(default="parallelogram", metadata=key())
     frames: Mapping[str, FramePatch] = field(default_factory=dict[str, FramePatch])
     closures: Mapping[str, ClosurePatch] = field(default_factory=dict[str, ClosurePatch])
     measured: Mapping[str, Any] = field(default_factory=dict[str, Any])
     source: Mapping[str, str] = field(default_factory=dict[str, str])
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = field(default=(), metadata=key())
     file: str = ""
     dynamics: Dynamics | None = None
     camera: CameraPatch | None = None

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from trocar.descriptions.arms import read_arm
 from trocar.descriptions.catalogue import DATA, find, names
+from trocar.descriptions.keys import key as toml_key
 from trocar.descriptions.records import ArmDescription
 from trocar.descriptions.table import read_table
 from trocar.errors import UnknownNameError
@@ -74,17 +75,17 @@ class Erratum:
 
     Attributes:
         frame, key: the entry, of a frame or of the joint of that name
-        printed, mended: what stands there and what should
-        effect: what a reader who follows the print gets
-        source: how it is known
+        printed, mended: the value in print, the right one
+        effect: of the printed value
+        source: of the right value
     """
 
-    frame: str
-    key: str
-    printed: float | str
-    mended: float | str
-    effect: str
-    source: str
+    frame: str = field(metadata=toml_key())
+    key: str = field(metadata=toml_key())
+    printed: float | str = field(metadata=toml_key(form="any"))
+    mended: float | str = field(metadata=toml_key(form="any"))
+    effect: str = field(metadata=toml_key())
+    source: str = field(metadata=toml_key())
 
 
 def printed_tables() -> tuple[str, ...]:
@@ -109,17 +110,7 @@ def errata(name: str) -> tuple[Erratum, ...]:
     """
     path = find("arms", name) if name in names("arms") else _path(name)
     rows = read_table(path).tables("erratum")
-    return tuple(
-        Erratum(
-            row.text("frame"),
-            row.text("key"),
-            row.raw("printed"),
-            row.raw("mended"),
-            row.text("effect"),
-            row.text("source"),
-        )
-        for row in rows
-    )
+    return tuple(row.record(Erratum) for row in rows)
 
 
 def _path(table: str) -> Path:

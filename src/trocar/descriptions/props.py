@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import cast, get_args
+from typing import Literal, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions.frames import read_pose
 from trocar.descriptions.inertial import merged
-from trocar.descriptions.materials import MATERIALS
-from trocar.descriptions.needles import Needle, read_needle
+from trocar.descriptions.keys import key
+from trocar.descriptions.needles import Needle, NeedleLook, read_needle
 from trocar.descriptions.plugins import registered_file
 from trocar.descriptions.records import (
     Band,
+    BandPoint,
     Body,
     Movable,
     Prop,
@@ -26,6 +27,8 @@ from trocar.descriptions.records import (
     Shape,
 )
 from trocar.descriptions.shapes import (
+    DrawnKeys,
+    MassKeys,
     link_shape,
     mass_properties,
     needle_shapes,
@@ -34,7 +37,6 @@ from trocar.descriptions.shapes import (
     read_inertia,
     read_mass,
     read_shapes,
-    read_touches,
 )
 from trocar.descriptions.solids import seen_and_touched
 from trocar.descriptions.table import Table, read_table
@@ -53,14 +55,6 @@ OBJECT_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 #: rejects hulls without volume.
 FLAT = 1e-6
 KINDS: tuple[str, ...] = get_args(PropJointKind)
-#: Dimensions of a joint's coordinate, damping and stiffness.
-DIMENSIONS = {
-    "hinge": ("angle", "angular damping", "angular stiffness"),
-    "slide": ("length", "linear damping", "linear stiffness"),
-    "ball": ("angle", "angular damping", "angular stiffness"),
-}
-#: Of a band that gives none. Source: our own choice. [m]
-BAND_RADIUS_M = 5e-4
 
 
 def read_props(rig: Table, arms: Sequence[str]) -> tuple[Prop, ...]:
@@ -85,53 +79,84 @@ def read_props(rig: Table, arms: Sequence[str]) -> tuple[Prop, ...]:
     return rig.each("prop", read, again="name")
 
 
+@dataclass(frozen=True)
+class PropFileKeys:
+    """Keys of a prop's own file beside its bodies.
+
+    Attributes:
+        name, title: of the prop
+    """
+
+    name: str = field(default="", metadata=key())
+    title: str = field(default="", metadata=key())
+
+
+@dataclass(frozen=True)
+class PropKeys:
+    """Keys of a prop beside its placement and its shapes.
+
+    Attributes:
+        name: of the prop
+        kind: of the prop
+        movable: whether it is an object, which starts at its placement; default: a thread is
+        description: instead of shapes: a file with bodies, or a registered name
+        before_step: of a movable prop: a Python file beside this one, whose `before_step` runs
+            before each step
+    """
+
+    name: str = field(metadata=key())
+    kind: Literal["shapes", "needle", "tissue", "thread"] = field(default="shapes", metadata=key())
+    movable: bool | None = field(default=None, metadata=key(see="simulation.md#objects"))
+    description: str | None = field(default=None, metadata=key(of=("shapes",), see="import.md"))
+    before_step: str = field(default="", metadata=key(see="simulation.md#scripts-of-objects"))
+
+
 def _read_prop(row: Table, before: Sequence[Prop]) -> Prop:
-    """Return a prop: needle, tissue, thread, shapes in the rig's file, or bodies in its own."""
-    name, at = row.text("name"), read_pose(row)
-    kind = row.text("kind", "shapes", allowed=("shapes", "needle", "tissue", "thread"))
-    needle = read_needle(row) if kind == "needle" else None
-    tissue = read_tissue(row, _needles(before)) if kind == "tissue" else None
-    thread = read_thread(row, tuple(MATERIALS)) if kind == "thread" else None
-    moves = row.flag("movable", thread is not None)
+    """Read a prop: needle, tissue, thread, shapes in the rig's file, or bodies in its own."""
+    at, keys = read_pose(row), row.record(PropKeys, row.text("kind", "shapes"))
+    needle = read_needle(row) if keys.kind == "needle" else None
+    tissue = read_tissue(row, _needles(before)) if keys.kind == "tissue" else None
+    thread = read_thread(row) if keys.kind == "thread" else None
+    moves = thread is not None if keys.movable is None else keys.movable
     if moves and tissue is not None:
         raise row.fail("movable", "got true; allowed: false, for tissue stands where it is put")
     if not moves and thread is not None:
         raise row.fail("movable", "got false; allowed: true, for nothing else moves a thread")
     if not moves:
-        for key, given in (
+        for name, given in (
             ("mass", row.has("mass", "mass")),
             ("inertia_kgm2", "inertia_kgm2" in row),
             ("joint", "joint" in row),
             ("before_step", "before_step" in row),
         ):
             if given:
-                raise row.fail("movable", f"is missing; a prop that stands still has no {key}")
+                raise row.fail("movable", f"is missing; a prop that stands still has no {name}")
     movable: Movable | None = None
     if needle is not None:
-        material = row.text("material", "steel", allowed=tuple(MATERIALS))
-        shapes = needle_shapes(needle, material)
+        shapes = needle_shapes(needle, row.record(NeedleLook).material)
         if moves:
-            mass = read_mass(row) if row.has("mass", "mass") else needle.mass
-            movable = Movable(mass, *read_inertia(row, None, shapes, mass))
+            own = row.record(MassKeys)
+            mass = needle.mass if own.mass is None else read_mass(row, own)
+            movable = Movable(mass, *read_inertia(row, own, None, shapes, mass))
     elif thread is not None:
         shapes = (link_shape(thread),)
         size = np.array([0.5 * thread.diameter, 0.5 * thread.length, 0.0])
         pose = transform(shapes[0].pose[:3, :3], np.array([0.5 * thread.length, 0.0, 0.0]))
         whole = replace(shapes[0], kind="cylinder", size=size, pose=pose)
         movable = Movable(thread.mass, *mass_properties([whole], thread.mass), "shape")
-    elif "description" in row:
-        bodies = _read_bodies(row)
+    elif keys.description is not None:
+        bodies = _read_bodies(row, keys.description)
         shapes = tuple(shape for body in bodies for shape in body.shapes)
         if moves:
             movable = _from_bodies(row, bodies)
     else:
-        solid = read_drawn(row)
-        touches = read_touches(row, solid)
+        solid, touches = read_drawn(row, row.record(DrawnKeys))
         drawn = () if solid is None else seen_and_touched(solid, touches)
         shapes = (*drawn, *read_shapes(row))
         if moves:
-            mass = read_mass(row, shapes)
-            movable = Movable(mass, *read_inertia(row, solid, shapes, mass))
+            own = row.record(MassKeys)
+            mass = read_mass(row, own, shapes)
+            movable = Movable(mass, *read_inertia(row, own, solid, shapes, mass))
         elif any(shape.density is not None for shape in shapes):
             raise row.fail("movable", "is missing; a prop that stands still has no density")
     names = [prop.name for prop in before]
@@ -142,7 +167,7 @@ def _read_prop(row: Table, before: Sequence[Prop]) -> Prop:
     if moves:
         _check_touchable(row, shapes, free=joint is None)
     script = read_script(row, "before_step")
-    return Prop(name, at, shapes, movable, joint, script, needle, tissue, thread)
+    return Prop(keys.name, at, shapes, movable, joint, script, needle, tissue, thread)
 
 
 def _needles(props: Iterable[Prop]) -> dict[str, Needle]:
@@ -172,29 +197,16 @@ def _read_joint(row: Table, before: Sequence[str]) -> PropJoint:
     kind = cast(PropJointKind, row.text("kind", allowed=KINDS))
     on = row.text("on", "world")
     row.known("on", on, ("world", *before), "no prop before this one")
-    measure, damps, springs = DIMENSIONS[kind]
-    axis, lower, upper, rest = np.zeros(3), -np.inf, np.inf, 0.0
-    if kind != "ball":
-        axis = row.direction("axis", np.array([0.0, 0.0, 1.0]))
-        if row.has("lower", measure) or row.has("upper", measure):
-            lower, upper = row.quantity("lower", measure), row.quantity("upper", measure)
-            if not lower <= 0.0 <= upper or lower == upper:
-                raise row.fail(
-                    "lower",
-                    f"got {lower:g} to {upper:g}; allowed: a range around 0, its placement",
-                )
-        rest = row.quantity("rest", measure, default=0.0)
-    joint = PropJoint(
-        kind,
-        "" if on == "world" else on,
-        row.vector("point", 3, "length", default=np.zeros(3)),
-        axis,
-        lower,
-        upper,
-        row.not_negative("damping", damps),
-        row.not_negative("stiffness", springs),
-        rest,
+    joint = row.record(
+        PropJoint, kind, turns=kind != "slide", kind=kind, on="" if on == "world" else on
     )
+    if np.isfinite([joint.lower, joint.upper]).any():
+        measure = "length" if kind == "slide" else "angle"
+        lower, upper = row.quantity("lower", measure), row.quantity("upper", measure)
+        if not lower <= 0.0 <= upper or lower == upper:
+            raise row.fail(
+                "lower", f"got {lower:g} to {upper:g}; allowed: a range around 0, its placement"
+            )
     row.done()
     return joint
 
@@ -208,29 +220,20 @@ def read_bands(rig: Table, props: Sequence[Prop]) -> tuple[Band, ...]:
     still = {prop.name for prop in props if prop.movable is None}
 
     def read(row: Table) -> Band:
-        name = row.name()
         points = row.each("point", lambda end: _read_end(end, props))
         if len(points) < 2:
             raise row.fail("point", f"got {len(points)}; allowed: two points of props, or more")
         if {prop for prop, _ in points} <= still:
             raise row.fail("point", "got points of props that stand still; allowed: a movable one")
-        return Band(
-            name,
-            points,
-            row.positive("rest_length", "length"),
-            row.positive("stiffness", "linear stiffness"),
-            row.not_negative("damping", "linear damping"),
-            row.positive("radius", "length", default=BAND_RADIUS_M),
-            row.text("material", "accent", allowed=tuple(MATERIALS)),
-        )
+        return row.record(Band, points=points)
 
     return rig.each("band", read, again="name")
 
 
 def _read_end(row: Table, props: Sequence[Prop]) -> tuple[str, Array]:
-    name = row.text("prop")
-    row.known("prop", name, [prop.name for prop in props])
-    return name, row.vector("xyz", 3, "length", default=np.zeros(3))
+    end = row.record(BandPoint)
+    row.known("prop", end.prop, [prop.name for prop in props])
+    return end.prop, end.xyz
 
 
 def read_script(row: Table, key: str) -> str:
@@ -259,16 +262,14 @@ def _check_object_name(row: Table, name: str, arms: Iterable[str]) -> None:
         raise row.fail("name", f"got {name!r}, which is an arm or the world itself")
 
 
-def _read_bodies(row: Table) -> tuple[Body, ...]:
+def _read_bodies(row: Table, name: str) -> tuple[Body, ...]:
     """Return the bodies of a prop's own file: a path beside the rig, or a registered name."""
-    name = row.text("description")
     if name.endswith(".toml"):
         table = read_table(Path(row.file).parent / name)
     else:
         table = read_table(registered_file("props", name, row.fail("description", "")))
     table.check_schema()
-    for key in ("name", "title"):
-        table.text(key, "")
+    table.record(PropFileKeys)
     bodies = table.each("body", lambda body: read_body(body, table.file))
     if not bodies:
         raise table.fail("body", "is missing; a prop needs at least one body")
@@ -279,7 +280,7 @@ def _read_bodies(row: Table) -> tuple[Body, ...]:
 def _from_bodies(row: Table, bodies: Sequence[Body]) -> Movable:
     """Return what bodies weigh as one, or what they would at the mass that the rig gives."""
     mass, com, inertia = merged(bodies)
-    total = read_mass(row) if row.has("mass", "mass") else mass
+    total = read_mass(row, MassKeys()) if row.has("mass", "mass") else mass
     return Movable(total, com, inertia * total / mass, bodies[0].inertia_from)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 
 from trocar.cameras.records import CameraDescription
 from trocar.descriptions.calibration_plan import CalibrationPlan
+from trocar.descriptions.keys import key
+from trocar.descriptions.materials import MATERIALS
 from trocar.descriptions.meshes import Mesh
 from trocar.descriptions.needles import Needle
 from trocar.descriptions.overlay_records import Overlay
 from trocar.descriptions.robot_errors import RobotErrors
 from trocar.descriptions.sensor_records import SensorDescription
-from trocar.descriptions.teleop_records import TeleopDescription
+from trocar.descriptions.teleops import TeleopDescription
 from trocar.descriptions.threads import ChainThread
 from trocar.descriptions.tissues import Tissue
 from trocar.errors import UnknownNameError
@@ -38,6 +40,8 @@ DISPLAY = "HRSV"
 #: setup joints are. Source: the dVRK's mtsIntuitiveResearchKitSUJ.cpp, constructor and Configure.
 CART = "Cart"
 REFERENCE_ARM = "ECM"
+#: Radius of the drawing of a band. Source: our own choice. [m]
+BAND_RADIUS_M = 5e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,57 +111,81 @@ class Body:
 
 @dataclass(frozen=True)
 class Spring:
-    """What a joint without a motor has instead.
+    """The spring of a joint without a motor.
 
     Attributes:
-        stiffness: [N m/rad]
-        rest: where it exerts nothing, which may lie beyond a stop [rad]
+        stiffness: torque = stiffness (rest - q) [N m/rad]
+        rest: angle without torque, also beyond the limits [rad]
     """
 
-    stiffness: float
-    rest: float
+    stiffness: float = field(metadata=key("angular stiffness", above=0.0))
+    rest: float = field(metadata=key("angle"))
 
 
 @dataclass(frozen=True)
 class JointDescription:
-    """What a motor and its servo know of a public joint; SI units.
+    """A public joint with its motor and servo.
 
     Attributes:
-        name, kind, lower, upper: as in `kinematics.Joint` [rad or m]
-        effort_max: [N m or N]
-        velocity_max, acceleration_max: of move_* [per s, per s^2]
-        tracking_tolerance: measured against set-point [rad or m]
-        stop_lower, stop_upper: mechanical stops, where they lie inside the limits [rad or m]
-        no_load, stall: of its motor at the supply's voltage: the speed at which it exerts nothing,
-            and its effort at rest without the limit of its current; inf where the voltage is no
-            limit [rad/s or m/s, N m or N]
-        spring: of a joint that has no motor, only a sensor; None of a joint with a motor
-        source: where the numbers are from
+        name, kind: of the joint
+        lower, upper: limits [rad or m]
+        effort_max: of the motor; default: unlimited [N m or N]
+        velocity_max, acceleration_max: of `move_jp`; default: unlimited [per s, per s^2]
+        tracking_tolerance: tracking error that causes FAULT; not of jaws and masters; default:
+            unlimited [rad or m]
+        drive: frame that the motor moves, `{ yaw = 1.0 }`: q = weight times its coordinate. A jaw
+            drives one finger with weight 2
+        stop_lower, stop_upper: mechanical stops inside the limits (of a jaw: 0) [rad or m]
+        no_load, stall: of the motor at its supply's voltage: speed without effort, effort at rest
+            if only the winding limited it; default: no such limit [rad/s or m/s, N m or N]
+        spring: of a joint that has a sensor and no motor
+        source: of the numbers
     """
 
-    name: str
-    kind: JointKind
-    lower: float
-    upper: float
-    effort_max: float
-    velocity_max: float
-    acceleration_max: float
-    tracking_tolerance: float
-    drive: tuple[tuple[str, float], ...]
-    stop_lower: float
-    stop_upper: float
-    no_load: float
-    stall: float
+    name: str = field(metadata=key())
+    kind: JointKind = field(metadata=key())
+    lower: float = field(metadata=key("angle", "length"))
+    upper: float = field(metadata=key("angle", "length"))
+    effort_max: float = field(metadata=key("torque", "force", above=0.0, default=np.inf))
+    velocity_max: float = field(
+        metadata=key("angular velocity", "linear velocity", above=0.0, default=np.inf)
+    )
+    acceleration_max: float = field(
+        metadata=key("angular acceleration", "linear acceleration", above=0.0, default=np.inf)
+    )
+    tracking_tolerance: float = field(
+        metadata=key("angle", "length", above=0.0, default=np.inf, see="arm.md#states")
+    )
+    drive: tuple[tuple[str, float], ...] = field(metadata=key(form="weights"))
+    stop_lower: float = field(metadata=key("angle", "length", like="lower"))
+    stop_upper: float = field(metadata=key("angle", "length", like="upper"))
+    no_load: float = field(
+        metadata=key(
+            "angular velocity",
+            "linear velocity",
+            above=0.0,
+            default=np.inf,
+            see="dynamics.md#in-the-simulation",
+        )
+    )
+    stall: float = field(metadata=key("torque", "force", above=0.0, default=np.inf))
     spring: Spring | None
-    source: str
+    source: str = field(metadata=key(default=""))
 
 
 @dataclass(frozen=True)
 class Friction:
-    """Dry and viscous friction [N m, N m s/rad] or [N, N s/m]."""
+    """Friction of a joint or frame.
 
-    coulomb: float
-    viscous: float
+    Attributes:
+        coulomb: dry friction [N m or N]
+        viscous: damping [N m s/rad or N s/m]
+    """
+
+    coulomb: float = field(metadata=key("torque", "force", least=0.0, default=0.0))
+    viscous: float = field(
+        metadata=key("angular damping", "linear damping", least=0.0, default=0.0)
+    )
 
 
 @dataclass(frozen=True)
@@ -171,30 +199,48 @@ class Gains:
 
 @dataclass(frozen=True)
 class Control:
-    """A named set of gains and what goes with it."""
+    """A named set of gains.
+
+    Attributes:
+        name: of the set
+        pid: {joint: gains}; in a file P, I, D in SI, `{ yaw = [120.0, 0.0, 6.0] }`
+        gravity_compensation, effort_limits: whether the servo has them
+        source: of the numbers
+    """
 
     name: str
-    pid: Mapping[str, Gains]
-    gravity_compensation: bool
-    effort_limits: bool
-    source: str
+    pid: Mapping[str, Gains] = field(metadata=key(form="any"))
+    gravity_compensation: bool = field(metadata=key(default=True))
+    effort_limits: bool = field(metadata=key(default=True))
+    source: str = field(metadata=key(default=""))
 
 
 @dataclass(frozen=True)
 class Counterweight:
-    """A body that balances what rides on a joint: mass = riding mass / ratio."""
+    """A body that balances the load on a joint, tool included: its mass is the load's over `ratio`.
 
-    body: str
-    joint: str
-    ratio: float
+    Attributes:
+        body: frame of the counterweight
+        joint: of the load
+        ratio: of the body's travel to the joint's
+    """
+
+    body: str = field(metadata=key())
+    joint: str = field(metadata=key())
+    ratio: float = field(metadata=key(above=0.0))
 
 
 @dataclass(frozen=True)
 class Missing:
-    """A quantity that the description of an arm lacks, and why."""
+    """A quantity that the description of an arm lacks.
 
-    what: str
-    why: str
+    Attributes:
+        what: the quantity
+        why: the reason
+    """
+
+    what: str = field(metadata=key())
+    why: str = field(metadata=key())
 
 
 @dataclass(frozen=True, eq=False)
@@ -296,11 +342,11 @@ class BaseFrame:
     """The frame of an arm's poses, where the rig gives it.
 
     Attributes:
-        name: what messages call it
+        name: in messages
         pose: the arm's own reference frame in it, (4, 4)
     """
 
-    name: str
+    name: str = field(metadata=key(form="name"))
     pose: Array
 
 
@@ -347,30 +393,47 @@ class Movable:
     inertia_from: str
 
 
+def _origin() -> Array:
+    return np.zeros(3)
+
+
+def _upward() -> Array:
+    return np.array([0.0, 0.0, 1.0])
+
+
 @dataclass(frozen=True, eq=False)
 class PropJoint:
     """A joint between two props, or between a prop and the world; vectors in the prop's frame.
 
     Attributes:
-        kind: "hinge", "slide" or "ball"
-        on: name of the prop that carries it, "" for the world
-        point: of the axis, or the centre of a ball, (3,) [m]
-        axis: unit vector, (3,); a ball has none
-        lower, upper: limits of the coordinate, which is 0 where the prop is placed [rad or m]
+        kind: of the joint
+        on: carrier: a prop before this one, or the world ("" in Python)
+        point: on the axis, or centre of a ball, (3,) [m]
+        axis: its direction, a unit vector, (3,)
+        lower, upper: limits of the coordinate, which is 0 where the prop is placed; both or none
+            [rad or m]
         damping: [N m s/rad or N s/m]
-        stiffness, rest: of a spring: effort = stiffness (rest - coordinate); the spring of a ball
-            turns it back to where it is placed [N m/rad or N/m; rad or m]
+        stiffness: of a spring: effort = stiffness (rest - coordinate); the spring of a ball turns
+            it back to its placement [N m/rad or N/m]
+        rest: of the spring [rad or m]
     """
 
-    kind: PropJointKind
-    on: str
-    point: Array
-    axis: Array
-    lower: float
-    upper: float
-    damping: float
-    stiffness: float
-    rest: float
+    kind: PropJointKind = field(metadata=key())
+    on: str = field(metadata=key(default="world"))
+    point: Array = field(default_factory=_origin, metadata=key("length", size=3))
+    axis: Array = field(
+        default_factory=_origin,
+        metadata=key(form="direction", of=("hinge", "slide"), default=_upward),
+    )
+    lower: float = field(default=-np.inf, metadata=key("angle", "length", of=("hinge", "slide")))
+    upper: float = field(default=np.inf, metadata=key("angle", "length", of=("hinge", "slide")))
+    damping: float = field(
+        default=0.0, metadata=key("angular damping", "linear damping", least=0.0)
+    )
+    stiffness: float = field(
+        default=0.0, metadata=key("angular stiffness", "linear stiffness", least=0.0)
+    )
+    rest: float = field(default=0.0, metadata=key("angle", "length", of=("hinge", "slide")))
 
 
 @dataclass(frozen=True, eq=False)
@@ -405,22 +468,35 @@ class Band:
     """An elastic band through points of props; it pulls and never pushes.
 
     Attributes:
-        name: what it is called
+        name: of the band
         points: (prop, point in its frame (3,) [m]) of each, in the order of the band
         rest_length: the length up to which it is slack [m]
         stiffness: tension per length beyond that [N/m]
         damping: tension per speed of the length, also while it is slack [N s/m]
         radius: of its drawing [m]
-        material: name of a row in `materials`
+        material: of its drawing
     """
 
-    name: str
+    name: str = field(metadata=key(form="name"))
     points: tuple[tuple[str, Array], ...]
-    rest_length: float
-    stiffness: float
-    damping: float
-    radius: float
-    material: str
+    rest_length: float = field(metadata=key("length", above=0.0))
+    stiffness: float = field(metadata=key("linear stiffness", above=0.0))
+    damping: float = field(metadata=key("linear damping", least=0.0, default=0.0))
+    radius: float = field(metadata=key("length", above=0.0, default=BAND_RADIUS_M))
+    material: str = field(metadata=key(choices=tuple(MATERIALS), default="accent"))
+
+
+@dataclass(frozen=True, eq=False)
+class BandPoint:
+    """Keys of a point of an elastic band.
+
+    Attributes:
+        prop: that has the point
+        xyz: in the prop's frame, (3,) [m]
+    """
+
+    prop: str = field(metadata=key())
+    xyz: Array = field(default_factory=_origin, metadata=key("length", size=3))
 
 
 @dataclass(frozen=True, eq=False)

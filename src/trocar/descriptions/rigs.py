@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import cast, get_args
+from collections.abc import Callable
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions.cameras import read_camera
 from trocar.descriptions.frames import read_pose
+from trocar.descriptions.keys import key
 from trocar.descriptions.props import read_bands, read_props, read_script
 from trocar.descriptions.records import (
     DISPLAY,
@@ -24,77 +25,82 @@ from trocar.descriptions.records import (
 from trocar.descriptions.robot_errors import read_robot_errors
 from trocar.descriptions.sensors import read_sensors
 from trocar.descriptions.table import Table
-from trocar.descriptions.teleop_records import SCALE, TeleopDescription, TeleopKind
-from trocar.geometry.se3 import inverse
+from trocar.descriptions.teleops import read_teleop
+from trocar.geometry.se3 import inverse, translation
 from trocar.kinematics.forward import pose
 
 Array = NDArray[np.float64]
 
-KINDS: tuple[str, ...] = get_args(TeleopKind)
-GRASPS: tuple[str, ...] = get_args(GraspKind)
-DYNAMICS: tuple[str, ...] = get_args(DynamicsKind)
-#: Of a record's angles and rates: what it is called in a file, and its dimension.
-ANGLES = {
-    "orientation_tolerance": "angle",
-    "gripper_threshold": "angle",
-    "roll_threshold": "angle",
-    "jaw_rate": "angular velocity",
-    "jaw_rate_after_clutch": "angular velocity",
-    "gripper_zero": "angle",
-    "gripper_max": "angle",
-}
 
+@dataclass(frozen=True)
+class RigKeys:
+    """Keys of a rig's file beside its blocks.
 
-def _read_teleop(row: Table, arms: Sequence[RigArm]) -> TeleopDescription:
-    kind = cast(TeleopKind, row.text("kind", allowed=KINDS))
-    masters = _masters(row, kind, {arm.name: arm.arm.type for arm in arms})
-    slave = row.text("slave")
-    type_ = kind.upper()
-    able = [arm.name for arm in arms if arm.arm.type == type_]
-    row.known("slave", slave, able or [f"none, for this rig has no {type_}"])
-    scale = row.number("scale", SCALE)
-    if not 0.0 < scale <= 1.0:
-        raise row.fail("scale", f"got {scale:g}; allowed: above 0 to 1")
-    teleop = TeleopDescription(
-        name=row.text("name", "_".join((*masters, slave))),
-        kind=kind,
-        masters=masters,
-        slave=slave,
-        scale=scale,
-        rotation_locked=row.flag("rotation_locked", False),
-        translation_locked=row.flag("translation_locked", False),
-        align=row.flag("align", True),
-        ignore_jaw=row.flag("ignore_jaw", False),
-        source=row.text("source", ""),
-        **_angles(row),
+    Attributes:
+        name, title, source: of the rig
+        extend_spec: a Python file beside this one, whose `extend_spec(spec)` adds to the MjSpec; no
+            actuators or keyframes
+        errors: a preset's name, or a table
+        dynamics: of arms without an overlay of dynamics; `cad`: masses and friction as described
+        grasp: how jaws hold free props
+        reference_arm: with setup joints: the arm whose tip is the reference frame of others
+    """
+
+    name: str = field(metadata=key())
+    source: str = field(metadata=key())
+    title: str = field(default="", metadata=key())
+    extend_spec: str = field(default="", metadata=key())
+    errors: object = field(default=None, metadata=key(form="any", see="robot-errors.md"))
+    dynamics: DynamicsKind = field(
+        default="identified", metadata=key(see="dynamics.md#in-the-simulation")
     )
-    if teleop.gripper_zero >= teleop.gripper_max:
-        raise row.fail(
-            "gripper_zero",
-            f"got {teleop.gripper_zero:g} rad; allowed: below gripper_max, {teleop.gripper_max:g}",
-        )
-    return teleop
+    grasp: GraspKind = field(default="friction+stick", metadata=key(see="simulation.md#grasping"))
+    reference_arm: str = field(default=REFERENCE_ARM, metadata=key())
 
 
-def _masters(row: Table, kind: TeleopKind, types: dict[str, str]) -> tuple[str, ...]:
-    """Return who moves the slave: one `master`, or two `masters`."""
-    key = "master" if kind == "psm" else "masters"
-    masters = (row.text(key),) if kind == "psm" else row.texts(key)
-    if kind == "ecm" and len(set(masters)) != 2:
-        raise row.fail(key, f"got {list(masters)}; allowed: the left and the right master")
-    for name in masters:
-        if not name or types.get(name, "MTM") != "MTM":
-            raise row.fail(key, f"got {name!r}; allowed: an MTM, or a name that no arm has")
-    return masters
+@dataclass(frozen=True)
+class RigArmKeys:
+    """Keys of an arm of a rig, beside its placement.
+
+    Attributes:
+        name: `PSM1`, `ECM`, ...
+        description: a built-in arm, or a path
+        tool: a tool or a path; `none`; default: the arm's
+        on: carrier: the world, an earlier arm, or `HRSV`, the stereo display
+        frame: of the carrier; default: `mount`
+        place: frame to place there: `rcm`, ...; default: the arm's root
+    """
+
+    name: str = field(metadata=key())
+    description: str = field(metadata=key())
+    tool: str = field(default="", metadata=key())
+    on: str = field(default="world", metadata=key())
+    frame: str | None = field(default=None, metadata=key())
+    place: str | None = field(default=None, metadata=key())
 
 
-def _angles(row: Table) -> dict[str, float]:
-    """Return those that the file gives [rad, rad/s]."""
-    return {
-        name: (row.positive if name.startswith("jaw") else row.not_negative)(name, dimension)
-        for name, dimension in ANGLES.items()
-        if row.has(name, dimension)
-    }
+@dataclass(frozen=True)
+class TestSineKeys:
+    """Keys of the test trajectory.
+
+    Attributes:
+        share: of the amplitude; below 1 the arms swing about the pose `test`
+    """
+
+    share: float = field(default=1.0, metadata=key(above=0.0, most=1.0))
+
+
+@dataclass(frozen=True)
+class RigPoseKeys:
+    """Keys of a named pose of a rig.
+
+    Attributes:
+        name: of the pose
+        q_rad_m: `{ PSM1 = [...], ... }`, the jaw last
+    """
+
+    name: str = field(metadata=key())
+    q_rad_m: object = field(metadata=key(form="any"))
 
 
 #: Reads an arm by name (or path beside the rig) with a tool's name.
@@ -108,8 +114,7 @@ def read_rig(table: Table, load_arm: ArmLoader) -> RigDescription:
         DescriptionError: naming file, key, what was got and what is allowed
     """
     table.check_schema()
-    name, title = table.text("name"), table.text("title", "")
-    source = table.text("source")
+    keys = table.record(RigKeys)
     display = _read_display(table)
     arms: list[RigArm] = []
     for row in table.tables("arm"):
@@ -126,24 +131,39 @@ def read_rig(table: Table, load_arm: ArmLoader) -> RigDescription:
     if "start" not in poses:
         raise table.fail("pose", f'got {", ".join(poses) or "none"}; a rig needs the pose "start"')
     sensors = read_sensors(table, arms, props, bands)
-    teleops = table.each("teleop", lambda row: _read_teleop(row, arms), again="name")
+    types = {arm.name: arm.arm.type for arm in arms}
+    teleops = table.each("teleop", lambda row: read_teleop(row, types), again="name")
     cameras = table.each("camera", lambda row: read_camera(row, arms), again="name")
     share = _read_test_share(table)
-    reference = table.text("reference_arm", REFERENCE_ARM)
     extension = read_script(table, "extend_spec")
-    grasp = cast(GraspKind, table.text("grasp", GRASPS[0], allowed=GRASPS))
-    dynamics = cast(DynamicsKind, table.text("dynamics", DYNAMICS[0], allowed=DYNAMICS))
     joints = {arm.name: (arm.arm.type, arm.arm.mechanism.joint_names) for arm in arms}
     errors = read_robot_errors(table, joints)
     table.done()
     if share < 1.0 and "test" not in poses:
         raise table.fail("pose", 'a test_sine.share below 1 needs the pose "test"')
-    parts = (tuple(arms), props, poses, share, display, sensors, teleops, cameras)
-    more = (reference, bands, extension, grasp, errors, dynamics)
-    rig = RigDescription(name, title, source, table.file, *parts, *more)
-    if "reference_arm" in table and reference not in rig.setup_joints:
+    rig = RigDescription(
+        name=keys.name,
+        title=keys.title,
+        source=keys.source,
+        file=table.file,
+        arms=tuple(arms),
+        props=props,
+        poses=poses,
+        test_share=share,
+        display=display,
+        sensors=sensors,
+        teleops=teleops,
+        cameras=cameras,
+        reference_arm=keys.reference_arm,
+        bands=bands,
+        extension=extension,
+        grasp=keys.grasp,
+        errors=errors,
+        dynamics=keys.dynamics,
+    )
+    if "reference_arm" in table and keys.reference_arm not in rig.setup_joints:
         known = ", ".join(rig.setup_joints) or "none, for the rig has no setup joints"
-        raise table.fail("reference_arm", f"got {reference!r}; allowed: {known}")
+        raise table.fail("reference_arm", f"got {keys.reference_arm!r}; allowed: {known}")
     return rig
 
 
@@ -162,22 +182,23 @@ def _read_arm(
 ) -> RigArm:
     """Read an arm of a rig that has these arms already, and perhaps a stereo display."""
     before, display = standing
-    name = row.text("name")
+    keys = row.record(RigArmKeys)
+    name, on = keys.name, keys.on
     if name in [arm.name for arm in before]:
         raise row.fail("name", f"got {name!r} a second time")
     if name == DISPLAY:
         raise row.fail("name", f"got {name!r}, which is the stereo display")
-    tool = row.text("tool", "") or None
-    arm = load_arm(row.text("description"), tool)
-    on = row.text("on", "world")
+    arm = load_arm(keys.description, keys.tool or None)
     carriers = [a.name for a in before]
     places = ["world"] if display is None else ["world", DISPLAY]
     row.known("on", on, (*places, *carriers), "no earlier arm")
     carrier = next((a for a in before if a.name == on), None)
-    frame = row.text("frame", "mount" if carrier else "")
+    frame = keys.frame
+    if frame is None:
+        frame = "mount" if carrier else ""
     if carrier is not None:
         row.known("frame", frame, carrier.arm.mechanism.frame_index)
-    place = row.text("place", arm.root)
+    place = arm.root if keys.place is None else keys.place
     row.known("place", place, arm.mechanism.frame_index)
     rest = np.clip(np.zeros(len(arm.joints)), arm.mechanism.lower, arm.mechanism.upper)
     root_place = pose(arm.mechanism, rest, place, arm.root)
@@ -193,16 +214,14 @@ def _read_base_frame(row: Table) -> BaseFrame | None:
     if "base_frame" not in row:
         return None
     table = row.table("base_frame")
-    found = BaseFrame(table.name(), read_pose(table))
+    found = table.record(BaseFrame, pose=read_pose(table))
     table.done()
     return found
 
 
 def _read_test_share(table: Table) -> float:
     row = table.optional_table("test_sine")
-    share = row.number("share", 1.0)
-    if not 0.0 < share <= 1.0:
-        raise row.fail("share", f"got {share:g}; allowed: above 0 to 1")
+    share = row.record(TestSineKeys).share
     row.done()
     return share
 
@@ -218,3 +237,26 @@ def _read_pose(row: Table, arms: list[RigArm]) -> tuple[str, dict[str, Array]]:
             raise table.fail(arm.name, 'is missing; "start" places every arm')
     table.done()
     return name, found
+
+
+#: Position of a lone arm's remote centre, z up [m]. Source: our own choice.
+REMOTE_CENTRE = (0.0, 0.0, 0.3)
+#: Names of the first arm of a type; others keep their own.
+FIRST_NAMES = {"PSM": "PSM1", "ECM": "ECM"}
+
+
+def lone_arm_rig(arm: ArmDescription) -> RigDescription:
+    """Return a rig of one arm alone in the air, at its pose "home" where it has one.
+
+    The remote centre stands at (0, 0, 0.3) m; of an arm that has none, the root at the origin.
+    """
+    mechanism = arm.mechanism
+    rest = np.clip(np.zeros(len(arm.joints)), mechanism.lower, mechanism.upper)
+    place = np.eye(4)
+    if "rcm" in mechanism.frame_index:
+        rcm = pose(mechanism, rest, "rcm", arm.root)
+        place = translation(np.array(REMOTE_CENTRE)) @ inverse(rcm)
+    name = FIRST_NAMES.get(arm.type, arm.name.upper())
+    placed = RigArm(name, arm, "", "", place)
+    start = {"start": {name: arm.poses.get("home", rest)}}
+    return RigDescription(f"lone {arm.name}", arm.title, arm.source, "", (placed,), (), start)

@@ -3,49 +3,46 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from trocar.descriptions.keys import key
 from trocar.descriptions.table import Table, read_table
 from trocar.errors import UnknownNameError
 
 PRESETS = Path(__file__).parent / "data" / "errors.toml"
 PERFECT = "perfect"
-#: Keys of a joint's errors and the dimensions of their units.
-DIMENSIONS = {
-    "step": ("position", "angle", "length"),
-    "offset": ("position", "angle", "length"),
-    "noise": ("position", "angle", "length"),
-    "backlash": ("position", "angle", "length"),
-    "hysteresis": ("position", "angle", "length"),
-    "travel": ("position", "angle", "length"),
-    "compliance": ("angular compliance", "linear compliance"),
-}
+#: Dimensions of a joint's readings.
+POSITION = ("position", "angle", "length")
 #: Source: our own choice; the delay of a congested wireless network. [s]
 LONGEST_LATENCY_S = 1.0
 
 
 @dataclass(frozen=True)
 class JointErrors:
-    """Errors of one joint [rad or m]: its reading differs from where it is.
+    """Errors of one joint: its reading differs from its position.
 
     Attributes:
-        step: of the encoder; readings are multiples of it
-        offset: standard deviation of a constant error of the reading, drawn at each reset
-        noise: standard deviation of a potentiometer's reading, drawn every 20 ms
-        backlash: by which the motor turns on a reversal before the joint follows
-        hysteresis: further part of the motor's motion that is lost after a reversal, gradually
-        travel: of the motor, over which the hysteresis is lost
-        compliance: of the cables between the encoder and the joint [rad/(N m) or m/N]
+        step: resolution of the encoder: readings are multiples of it [rad or m]
+        offset: standard deviation of a constant error, drawn at each reset; of setup joints,
+            too [rad or m]
+        noise: standard deviation of a potentiometer's reading, drawn every 20 ms [rad or m]
+        backlash: width: after a reversal the motor turns by it before the joint follows [rad or m]
+        hysteresis, travel: further motion lost after a reversal, gradually over `travel` of the
+            motor: cables that slip on pulleys [rad or m]
+        compliance: of the cables: the joint lags by it times the motor's effort, within 20 ms
+            [rad/(N m) or m/N]
     """
 
-    step: float = 0.0
-    offset: float = 0.0
-    noise: float = 0.0
-    backlash: float = 0.0
-    hysteresis: float = 0.0
-    travel: float = 0.0
-    compliance: float = 0.0
+    step: float = field(default=0.0, metadata=key(*POSITION, least=0.0))
+    offset: float = field(default=0.0, metadata=key(*POSITION, least=0.0))
+    noise: float = field(default=0.0, metadata=key(*POSITION, least=0.0))
+    backlash: float = field(default=0.0, metadata=key(*POSITION, least=0.0))
+    hysteresis: float = field(default=0.0, metadata=key(*POSITION, least=0.0))
+    travel: float = field(default=0.0, metadata=key(*POSITION, least=0.0))
+    compliance: float = field(
+        default=0.0, metadata=key("angular compliance", "linear compliance", least=0.0)
+    )
 
 
 @dataclass(frozen=True)
@@ -53,14 +50,32 @@ class JointRow:
     """Errors of some joints.
 
     Attributes:
-        arms: names or types of arms; none: of every arm
-        joints: names; none: every joint
+        arms, joints: names or types of arms, names of joints; all when omitted
         errors: of each
     """
 
-    arms: tuple[str, ...]
-    joints: tuple[str, ...]
+    arms: tuple[str, ...] = field(metadata=key(default=()))
+    joints: tuple[str, ...] = field(metadata=key(default=()))
     errors: JointErrors
+
+
+@dataclass(frozen=True)
+class RobotErrorKeys:
+    """Keys of the table of a rig's errors.
+
+    Attributes:
+        preset: name of the errors that these are added to
+        along, about: standard deviation of the reported pose of the camera's frame, along and about
+            each of its axes; one draw for each PSM at each reset [m], [rad]
+        latency: age of readings, in steps of 5 ms; set-points act at once [s]
+    """
+
+    preset: str = field(default="", metadata=key())
+    along: float = field(default=0.0, metadata=key("length", name="registration", least=0.0))
+    about: float = field(default=0.0, metadata=key("angle", name="registration", least=0.0))
+    latency: float = field(
+        default=0.0, metadata=key("time", least=0.0, most=LONGEST_LATENCY_S, shown="s")
+    )
 
 
 @dataclass(frozen=True)
@@ -141,26 +156,19 @@ def _preset(table: Table, key: str) -> RobotErrors | None:
 
 def _read_errors(table: Table, base: RobotErrors) -> RobotErrors:
     rows = table.each("joint", _read_row)
-    along, about = base.registration
-    found = replace(
+    usual = dict(zip(("along", "about"), base.registration, strict=True))
+    found = table.record(RobotErrorKeys, defaults={**usual, "latency": base.latency})
+    table.done()
+    return replace(
         base,
         joints=(*base.joints, *rows),
-        registration=(
-            table.not_negative("registration", "length", default=along),
-            table.not_negative("registration", "angle", default=about),
-        ),
-        latency=table.quantity("latency", "time", default=base.latency),
+        registration=(found.along, found.about),
+        latency=found.latency,
     )
-    table.done()
-    if not 0.0 <= found.latency <= LONGEST_LATENCY_S:
-        raise table.fail(
-            "latency", f"got {found.latency:g} s; allowed: 0 to {LONGEST_LATENCY_S:g} s"
-        )
-    return found
 
 
 def _read_row(row: Table) -> JointRow:
-    values = {name: row.not_negative(name, *units) for name, units in DIMENSIONS.items()}
-    if values["hysteresis"] and not values["travel"]:
+    errors = row.record(JointErrors)
+    if errors.hysteresis and not errors.travel:
         raise row.fail("travel", "is missing; allowed: more than 0, as there is hysteresis")
-    return JointRow(row.texts("arms"), row.texts("joints"), JointErrors(**values))
+    return row.record(JointRow, errors=errors)

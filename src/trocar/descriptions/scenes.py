@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions.cameras import load_stereo_camera
+from trocar.descriptions.keys import key
 from trocar.descriptions.props import read_bands, read_props
 from trocar.descriptions.records import DynamicsKind, GraspKind, RigDescription
-from trocar.descriptions.rigs import DYNAMICS, GRASPS
 from trocar.descriptions.sensors import read_sensors
 from trocar.descriptions.table import Table
 from trocar.errors import InputError
@@ -22,57 +22,93 @@ from trocar.geometry.se3 import inverse, transform
 
 Array = NDArray[np.float64]
 
-#: An object that has no free place after so many draws is rejected. Source: our own choice.
+#: Draws of a free place for an object. Source: our own choice.
 TRIES = 100
-#: An object that falls farther than this after it was held is dropped. Source: our own choice, two
-#: thirds of the height of a peg. [m]
+#: Fall by which an object counts as dropped. Source: our own choice, two thirds of the height of a
+#: peg. [m]
 DROP_M = 0.008
+
+
+def _origin() -> Array:
+    return np.zeros(3)
 
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Where an object may lie when an episode begins.
+    """The range of an object's pose at the beginning of an episode.
 
     Attributes:
-        object: name of a movable prop
-        on: name of one placed before that it keeps its place on, "" for the world
+        object: a movable prop
+        on: an object placed before that it stays on, "" for the world
         spread: half the range about the prop's own place, along x, y and z of the world, (3,) [m]
         turn: half the range of its rotation about the world's z [rad]
-        radius: of the circle about it, in x and y, that no other circle overlaps; 0 for none [m]
+        radius: of a circle about it, in x and y, that no other circle overlaps; 0: no circle [m]
     """
 
-    object: str
-    on: str
-    spread: Array
-    turn: float
-    radius: float
+    object: str = field(metadata=key())
+    on: str = field(metadata=key(default=""))
+    spread: Array = field(metadata=key("length", size=3, least=0.0, default=_origin))
+    turn: float = field(metadata=key("angle", least=0.0, default=0.0))
+    radius: float = field(metadata=key("length", least=0.0, default=0.0))
 
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """Where an object or a tip shall be in the end.
+    """The place where an object or a tip shall be in the end.
 
     Attributes:
-        object, arm: name of a movable prop, or of an arm whose tip it is, else ""; with both, the
-            tip shall be beside the object, or, with `held`, hold it
-        at: (3,) in the world; of a tip beside an object from there, along axes of the world [m]
-        on: name of a movable prop in whose frame `at` is, "" for the world
+        object, arm: a movable prop, or an arm for its tip; with both, the tip shall be beside the
+            object, or, with `held`, hold it
+        at: in the world; of a tip beside an object from there, along axes of the world, (3,) [m]
         spread: half the range that a reset draws it from, (3,) [m]
         radius: largest distance in x and y [m]
         height: largest distance in z [m]
         held: whether an arm, or `arm`, holds the object in the end; else it is released
+        on: a movable prop in whose frame `at` is, "" for the world
         stage: goals count once all of earlier stages were met, which then stay met
     """
 
-    object: str
-    arm: str
-    at: Array
-    spread: Array
-    radius: float
-    height: float
-    held: bool = False
-    on: str = ""
-    stage: int = 0
+    object: str = field(metadata=key(default=""))
+    arm: str = field(metadata=key(default=""))
+    at: Array = field(metadata=key("length", size=3))
+    spread: Array = field(metadata=key("length", size=3, least=0.0, default=_origin))
+    radius: float = field(metadata=key("length", above=0.0))
+    height: float = field(metadata=key("length", above=0.0))
+    held: bool = field(default=False, metadata=key())
+    on: str = field(default="", metadata=key())
+    stage: int = field(default=0, metadata=key(least=0))
+
+
+@dataclass(frozen=True, eq=False)
+class SceneKeys:
+    """Keys of a scene's file beside its blocks.
+
+    Attributes:
+        name, title, source: of the scene
+        rig: a built-in or registered rig, or the path of its file
+        task: name of the task's class, or the path of a Python file
+        arms: PSMs and ECMs that a policy drives
+        without: arms of the rig that the scene leaves out
+        time_limit: of an episode [s]
+        drop_height: an object that falls farther than this after it was held is dropped [m]
+        hidden: objects that observations leave out, and with them places of goals on them
+        camera: preset of the endoscope's camera; default: the rig's
+        grasp, dynamics: as in the rig's file; default: the rig's
+    """
+
+    name: str = field(metadata=key())
+    title: str = field(metadata=key(default=""))
+    source: str = field(metadata=key())
+    rig: str = field(metadata=key())
+    task: str = field(metadata=key())
+    arms: tuple[str, ...] = field(metadata=key(default=()))
+    without: tuple[str, ...] = field(metadata=key(default=()))
+    time_limit: float = field(metadata=key("time", above=0.0))
+    drop_height: float = field(metadata=key("length", above=0.0, default=DROP_M))
+    hidden: tuple[str, ...] = field(metadata=key(default=()))
+    camera: str = field(metadata=key(default=""))
+    grasp: GraspKind | None = field(default=None, metadata=key())
+    dynamics: DynamicsKind | None = field(default=None, metadata=key())
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +116,7 @@ class Scene:
     """A task for arms.
 
     Attributes:
-        name, title, source, file: as in the file
+        name, title, source, file: of the scene
         rig: the rig with the scene's props and start pose
         task: the class of the task, see `trocar.tasks`
         arms: that a policy drives
@@ -158,15 +194,13 @@ def read_scene(table: Table, load_rig: Callable[[str | Path], RigDescription]) -
     """
     path = Path(table.file)
     table.check_schema()
-    named, title, source = table.text("name"), table.text("title", ""), table.text("source")
-    wanted = table.text("rig")
-    base = load_rig(path.parent / wanted if wanted.endswith(".toml") else wanted)
-    arms = table.texts("arms")
-    rig = replace(_rig(table, _without(table, base, arms)), name=named, file=str(path))
-    task = table.text("task")
+    keys = table.record(SceneKeys)
+    beside = path.parent
+    base = load_rig(beside / keys.rig if keys.rig.endswith(".toml") else keys.rig)
+    rig = replace(_rig(table, keys, _without(table, keys, base)), name=keys.name, file=str(path))
     known = [a.name for a in rig.arms if a.arm.type in ("PSM", "ECM")]
-    if not arms or not set(arms) <= set(known) or len(set(arms)) < len(arms):
-        raise table.fail("arms", f"got {list(arms)}; allowed: some of {', '.join(known)}")
+    if not keys.arms or not set(keys.arms) <= set(known) or len(set(keys.arms)) < len(keys.arms):
+        raise table.fail("arms", f"got {list(keys.arms)}; allowed: some of {', '.join(known)}")
     free = [p.name for p in rig.objects if p.joint is None]
     placements: list[Placement] = []
     for row in table.tables("place"):
@@ -176,27 +210,36 @@ def read_scene(table: Table, load_rig: Callable[[str | Path], RigDescription]) -
     goals = list(table.each("goal", lambda row: _read_goal(row, objects, known)))
     if not goals:
         raise table.fail("goal", "is missing; a scene needs at least one")
-    limit = table.positive("time_limit", "time")
-    drop = table.positive("drop_height", "length", default=DROP_M)
-    hidden = table.texts("hidden")
+    hidden = keys.hidden
     if not set(hidden) <= set(objects):
         raise table.fail("hidden", f"got {list(hidden)}; allowed: some of {', '.join(objects)}")
     table.done()
-    task = str(path.parent / task) if task.endswith(".py") else task
-    goals.sort(key=lambda goal: goal.stage)
-    parts = (named, title, source, str(path), rig, task, arms, tuple(placements), tuple(goals))
-    # what arms without motors read has no errors
-    welded = () if rig.errors else tuple(a.name for a in rig.arms if a.name in {*known} - {*arms})
-    return Scene(*parts, limit, drop, hidden, welded)
+    # Arms without motors have no reading errors, so none is welded in a rig with errors.
+    idle = {*known} - {*keys.arms}
+    return Scene(
+        name=keys.name,
+        title=keys.title,
+        source=keys.source,
+        file=str(path),
+        rig=rig,
+        task=str(beside / keys.task) if keys.task.endswith(".py") else keys.task,
+        arms=keys.arms,
+        placements=tuple(placements),
+        goals=tuple(sorted(goals, key=lambda goal: goal.stage)),
+        time_limit=keys.time_limit,
+        drop_height=keys.drop_height,
+        hidden=hidden,
+        welded=() if rig.errors else tuple(a.name for a in rig.arms if a.name in idle),
+    )
 
 
-def _without(table: Table, rig: RigDescription, driven: Sequence[str]) -> RigDescription:
+def _without(table: Table, keys: SceneKeys, rig: RigDescription) -> RigDescription:
     """Return the rig without the arms that the scene leaves out."""
-    gone = table.texts("without")
+    gone = keys.without
     carriers = {arm.on for arm in rig.arms if arm.name not in gone}
     carriers |= {one.arm for one in rig.cameras}
     carriers |= {rig.reference_arm} if rig.setup_joints else set()
-    allowed = [arm.name for arm in rig.arms if arm.name not in (*driven, *carriers)]
+    allowed = [arm.name for arm in rig.arms if arm.name not in (*keys.arms, *carriers)]
     if not set(gone) <= set(allowed):
         raise table.fail(
             "without",
@@ -215,7 +258,7 @@ def _without(table: Table, rig: RigDescription, driven: Sequence[str]) -> RigDes
     )
 
 
-def _rig(table: Table, rig: RigDescription) -> RigDescription:
+def _rig(table: Table, keys: SceneKeys, rig: RigDescription) -> RigDescription:
     """Return the rig with the scene's props, bands, sensors, camera and start pose."""
     new = read_props(table, [arm.name for arm in rig.arms])
     taken = {prop.name for prop in rig.props} & {prop.name for prop in new}
@@ -226,22 +269,28 @@ def _rig(table: Table, rig: RigDescription) -> RigDescription:
     sensors = *rig.sensors, *read_sensors(table, rig.arms, props, bands)
     start = dict(rig.poses["start"])
     if "start_q_rad_m" in table:
-        row = table.table("start_q_rad_m")
-        start |= _read_start(row, rig, start)
-    grasp = cast(GraspKind, table.text("grasp", rig.grasp, allowed=GRASPS))
-    dynamics = cast(DynamicsKind, table.text("dynamics", rig.dynamics, allowed=DYNAMICS))
-    cameras, preset = rig.cameras, table.text("camera", "")
-    if preset:
-        sees = load_stereo_camera(preset)
+        start |= _read_start(table.table("start_q_rad_m"), rig, start)
+    cameras = rig.cameras
+    if keys.camera:
+        sees = load_stereo_camera(keys.camera)
         scopes = [one.name for one in cameras if one.kind == "endoscope"]
         if not scopes:
-            raise table.fail("camera", f"got {preset!r}, but the rig {rig.name} has no endoscope")
+            raise table.fail(
+                "camera", f"got {keys.camera!r}, but the rig {rig.name} has no endoscope"
+            )
         cameras = tuple(
             replace(one, calibration=sees) if one.name == scopes[0] else one for one in cameras
         )
-    poses = {**rig.poses, "start": start}
-    parts = {"props": props, "bands": bands, "sensors": sensors, "cameras": cameras}
-    return replace(rig, grasp=grasp, dynamics=dynamics, poses=poses, **parts)
+    return replace(
+        rig,
+        grasp=keys.grasp or rig.grasp,
+        dynamics=keys.dynamics or rig.dynamics,
+        poses={**rig.poses, "start": start},
+        props=props,
+        bands=bands,
+        sensors=sensors,
+        cameras=cameras,
+    )
 
 
 def _read_start(row: Table, rig: RigDescription, start: Mapping[str, Array]) -> dict[str, Array]:
@@ -256,41 +305,17 @@ def _read_start(row: Table, rig: RigDescription, start: Mapping[str, Array]) -> 
 
 
 def _read_placement(row: Table, free: Sequence[str], before: Sequence[str]) -> Placement:
-    name = row.text("object", allowed=tuple(free))
-    if name in before:
-        raise row.fail("object", f"got {name!r} a second time")
-    on = row.text("on", "", allowed=("", *before))
-    spread = row.vector("spread", 3, "length", default=np.zeros(3))
-    turn = row.quantity("turn", "angle", default=0.0)
-    radius = row.quantity("radius", "length", default=0.0)
-    if (spread < 0.0).any() or turn < 0.0 or radius < 0.0:
-        raise row.fail("spread", "allowed: spread, turn and radius of 0 or more")
-    return Placement(name, on, spread, turn, radius)
+    placement = row.record(Placement, choices={"object": free, "on": ("", *before)})
+    if placement.object in before:
+        raise row.fail("object", f"got {placement.object!r} a second time")
+    return placement
 
 
 def _read_goal(row: Table, objects: Sequence[str], arms: Sequence[str]) -> Goal:
     if "object" not in row and "arm" not in row:
         raise row.fail("object", "is missing; allowed: an object, an arm, or both")
-    name = row.text("object", "", allowed=("", *objects))
-    arm = row.text("arm", "", allowed=("", *arms))
-    at = row.vector("at", 3, "length")
-    spread = row.vector("spread", 3, "length", default=np.zeros(3))
-    stage = row.number("stage", 0.0)
-    if stage < 0.0 or stage != int(stage):
-        raise row.fail("stage", f"got {stage:g}; allowed: 0, 1, 2 and so on")
-    goal = Goal(
-        name,
-        arm,
-        at,
-        spread,
-        row.positive("radius", "length"),
-        row.positive("height", "length"),
-        row.flag("held", False),
-        row.text("on", "", allowed=("", *objects)),
-        int(stage),
-    )
-    if goal.held and not name:
+    named = "", *objects
+    goal = row.record(Goal, choices={"object": named, "arm": ("", *arms), "on": named})
+    if goal.held and not goal.object:
         raise row.fail("held", "got true; allowed: with an object")
-    if (spread < 0.0).any():
-        raise row.fail("spread", f"got {spread.tolist()}; allowed: 0 or more")
     return goal

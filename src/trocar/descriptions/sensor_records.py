@@ -9,6 +9,8 @@ from typing import Any, ClassVar, Protocol, TypedDict, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from trocar.descriptions.keys import key
+
 Array = NDArray[np.float64]
 #: {value of a reading: dimension of its noise, "" for none, and unit}.
 Values = Mapping[str, tuple[str, str]]
@@ -60,10 +62,10 @@ class SensorDescription:
         reading: class of its readings
         values: numbers of these
         name: of the sensor
-        arm: name of the arm it is on, "" for none
-        prop: name of the prop it is on, "" for none
-        rate: samples per second, 0 for one each time that it is read [Hz]
-        source: where the numbers are from
+        arm: of this rig; `contacts` without one include everything
+        prop: instead of `arm`
+        rate: samples per second; 0: one per read [Hz]
+        source: of the numbers
         noise: {value: standard deviation} of its noise, in SI
     """
 
@@ -73,12 +75,12 @@ class SensorDescription:
     reading: ClassVar[type[SensorReading]] = SensorReading
     values: ClassVar[Values] = {}
 
-    name: str
-    arm: str
-    rate: float
-    source: str
+    name: str = field(metadata=key(form="name"))
+    arm: str = field(metadata=key(default=""))
+    rate: float = field(metadata=key(name="rate_hz", above=0.0, default=0.0))
+    source: str = field(metadata=key(default=""))
     noise: Mapping[str, float]
-    prop: str = field(default="", kw_only=True)
+    prop: str = field(default="", kw_only=True, metadata=key(of=("on props",)))
 
     @property
     def frame_id(self) -> str:

@@ -6,13 +6,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import ClassVar, TypedDict, cast
+from dataclasses import dataclass, field, replace
+from typing import ClassVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions.frames import read_pose
+from trocar.descriptions.keys import key
 from trocar.descriptions.records import ArmDescription, Band, Prop, RigArm
 from trocar.descriptions.sensor_records import (
     Contact,
@@ -28,16 +29,6 @@ from trocar.geometry.se3 import translation
 from trocar.kinematics.mechanism import Mechanism
 
 Array = NDArray[np.float64]
-
-
-class SensorHead(TypedDict):
-    """The arguments that every sensor takes, noise apart."""
-
-    name: str
-    arm: str
-    rate: float
-    source: str
-    prop: str
 
 
 class SensorTable:
@@ -64,20 +55,11 @@ class SensorTable:
         bands: Sequence[Band],
         kind: type[SensorDescription],
     ) -> None:
-        name = table.name()
-        rate = table.quantity("rate", "frequency", default=0.0)
-        if rate <= 0.0 and table.has("rate", "frequency"):
-            raise table.fail("rate_hz", f"got {rate:g}; allowed: above 0")
-        prop = table.text("prop", "") if kind.on_props else ""
-        owner = table.text("arm", "" if kind.armless or prop else None)
         self.table = table
-        self.head: SensorHead = {
-            "name": name,
-            "arm": owner,
-            "rate": rate,
-            "source": table.text("source", ""),
-            "prop": prop,
-        }
+        self.head = table.values(SensorDescription, "on props" if kind.on_props else "")
+        prop, owner = self.head.get("prop", ""), self.head["arm"]
+        if not owner and not (kind.armless or prop):
+            owner = table.text("arm")
         self._bands = [band.name for band in bands]
         if prop:
             if owner:
@@ -104,7 +86,7 @@ class SensorTable:
 
     def frame(self, key: str, default: str | None = None) -> str:
         """Return the name of a frame of the arm, or the prop that the sensor is on."""
-        if self.head["prop"]:
+        if self.head.get("prop"):
             return self.head["prop"]
         known, frame = self.mechanism(key).frame_index, self.table.text(key, default)
         return self.table.known(key, frame, known, f"{self.head['arm']} has no such frame")
@@ -144,7 +126,7 @@ class JointEffort(SensorDescription):
     kind: ClassVar[str] = "joint_effort"
     reading: ClassVar[type[SensorReading]] = EffortReading
 
-    joint: str
+    joint: str = field(metadata=key())
     unit: str
 
     @classmethod
@@ -183,13 +165,14 @@ class PlacedSensor(SensorDescription):
     """A sensor at a place on a link of an arm, or on a prop.
 
     Attributes:
-        frame: of the arm
+        frame: that carries it; default: of a `tip_wrench` the tip, of a `proximity` the jaw's first
+            finger
         pose: T_frame_sensor (4, 4)
     """
 
     on_props: ClassVar[bool] = True
 
-    frame: str
+    frame: str = field(metadata=key(default=""))
     pose: Array
 
     @classmethod
@@ -227,7 +210,7 @@ class TipWrench(PlacedSensor):
     """The wrench that the environment exerts on an instrument.
 
     Attributes:
-        beyond: the frame on which, and on what hangs on it, the wrench acts
+        beyond: frame whose loads, with its descendants', count
     """
 
     kind: ClassVar[str] = "tip_wrench"
@@ -235,7 +218,7 @@ class TipWrench(PlacedSensor):
     reading: ClassVar[type[SensorReading]] = WrenchReading
     values: ClassVar[Values] = {"force": ("force", "N"), "torque": ("torque", "N m")}
 
-    beyond: str
+    beyond: str = field(metadata=key(like="frame"))
 
     @classmethod
     def read(cls, row: SensorTable) -> TipWrench:
@@ -335,21 +318,22 @@ class Proximity(PlacedSensor):
     """A ray from one frame to another, such as between the pads of a jaw, or across a prop.
 
     Attributes:
-        pose: where the ray begins
-        to_frame, to_point: where it ends, (3,) [m]
+        pose: start of the ray
+        to_frame, to_point: end of the ray; default: the other finger, the point of its start,
+            (3,) [m]
     """
 
     kind: ClassVar[str] = "proximity"
     reading: ClassVar[type[SensorReading]] = ProximityReading
     values: ClassVar[Values] = {"distance": ("length", "m"), "gap": ("", "m")}
 
-    to_frame: str
-    to_point: Array
+    to_frame: str = field(metadata=key(default=""))
+    to_point: Array = field(metadata=key("length", name="to_xyz", size=3, default=""))
 
     @classmethod
     def read(cls, row: SensorTable) -> Proximity:
         """Return the sensor of a table; between the pads of a jaw unless frames are named."""
-        on_prop, pads = bool(row.head["prop"]), list[str]()
+        on_prop, pads = bool(row.head.get("prop")), list[str]()
         if not on_prop:
             pads = [f.name for f in row.mechanism("frame").frames if "jaw" in dict(f.couplings)]
         frame = row.frame("frame", pads[0] if pads else None)
@@ -397,7 +381,7 @@ class Contacts(SensorDescription):
     """The contacts of an arm, of a frame and what hangs on it, of a prop, or of everything.
 
     Attributes:
-        frame: of the arm, "" for all of it; the prop
+        frame: whose bodies, with its descendants', count; default: the whole arm
     """
 
     kind: ClassVar[str] = "contacts"
@@ -411,12 +395,12 @@ class Contacts(SensorDescription):
         "depth": ("", "m"),
     }
 
-    frame: str
+    frame: str = field(metadata=key(default=""))
 
     @classmethod
     def read(cls, row: SensorTable) -> Contacts:
         """Return the sensor of a table."""
-        given = row.table.raw("frame") is not None or bool(row.head["prop"])
+        given = row.table.raw("frame") is not None or bool(row.head.get("prop"))
         frame = row.frame("frame") if given else ""
         return cls(**row.head, noise=row.noises(cls), frame=frame)
 
@@ -462,7 +446,7 @@ class Tension(SensorDescription):
     """The tension of an elastic band.
 
     Attributes:
-        band: its name
+        band: of the rig
     """
 
     kind: ClassVar[str] = "tension"
@@ -470,7 +454,7 @@ class Tension(SensorDescription):
     reading: ClassVar[type[SensorReading]] = TensionReading
     values: ClassVar[Values] = {"length": ("length", "m"), "tension": ("force", "N")}
 
-    band: str
+    band: str = field(metadata=key())
 
     @classmethod
     def read(cls, row: SensorTable) -> Tension:

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from itertools import chain
-from typing import Literal, TypedDict, cast
+from typing import Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.descriptions.keys import key
 from trocar.descriptions.materials import MATERIALS
 from trocar.descriptions.meshes import read_mesh
 from trocar.descriptions.needles import Needle
-from trocar.descriptions.records import Body, Shape, ShapeKind, Touches
+from trocar.descriptions.records import Body, Shape, Touches
 from trocar.descriptions.revolved import cup, ring
 from trocar.descriptions.solids import Solid, read_solid, seen_and_touched, solid_names
 from trocar.descriptions.table import Table
@@ -23,7 +25,9 @@ from trocar.geometry.se3 import transform
 
 Array = NDArray[np.float64]
 
-KINDS = ("box", "capsule", "cylinder", "sphere", "mesh", "ring", "cup")
+RODS = ("capsule", "cylinder")
+PRIMITIVES = ("box", *RODS, "sphere")
+KINDS = (*PRIMITIVES, "mesh", "ring", "cup")
 #: Rods of a ring, and up to how many. Source: our own choice.
 SIDES, MOST_SIDES = 16, 64
 #: Slack of the triangle inequality for rounded inertias, relative. Our own choice.
@@ -31,6 +35,10 @@ INERTIA_SLACK = 1e-3
 #: Arc of a needle for each capsule that touches. Source: our own choice; their axes then lie within
 #: 0.09 mm of an arc of 10 mm radius. [rad]
 CAPSULE_RAD = np.pi / 12.0
+
+
+def _origin() -> Array:
+    return np.zeros(3)
 
 
 def read_shapes(table: Table) -> tuple[Shape, ...]:
@@ -42,76 +50,138 @@ def read_shapes(table: Table) -> tuple[Shape, ...]:
     return tuple(chain.from_iterable(table.each("shape", _read_shape)))
 
 
+@dataclass(frozen=True)
+class MaterialKeys:
+    """Keys of a shape's look.
+
+    Attributes:
+        material: of the surface; default: casting
+        color: instead of `material`: `"#b8352f"`
+    """
+
+    material: str | None = field(default=None, metadata=key(choices=tuple(MATERIALS)))
+    color: str | None = field(default=None, metadata=key())
+
+
+@dataclass(frozen=True, eq=False)
+class ShapeKeys:
+    """Keys of a shape, in the frame's coordinates.
+
+    Attributes:
+        kind: of the shape
+        center: its centre, (3,) [m]
+        size: full edges, (3,) [m]
+        start, end: ends of its axis; the hemispheres of a capsule are beyond them, (3,) [m]
+        radius: its radius [m]
+        at: place in the frame, (3,) [m]
+        rpy: rotation about the fixed axes x, y, z, (3,) [rad]
+        round: radius of the drawn edges of a box [m]
+        bend: radius of a ring's middle line about z; of a cup, which stands at z = 0, inside [m]
+        wire_radius: of the ring's wire [m]
+        sides: number of rods that collide; below 8: corners at `radius`
+        wall, height, floor: thickness, height, thickness of the bottom [m]
+        collide: whether it takes part in contacts; default: yes, a mesh no
+        weigh: whether it counts for the mass of its body; default: yes, a mesh never
+        visible: whether it is drawn
+        hull: `capsule`: one along its longest edge collides in its place
+        density: instead of the body's mass, of every shape that weighs [kg/m^3]
+        friction: sliding coefficient; a shape with it decides over one without; of two, the larger
+            counts; default: 1
+        stiffness: of a soft shape, at each contact point; default: rigid [N/m]
+    """
+
+    kind: Literal["box", "capsule", "cylinder", "sphere", "mesh", "ring", "cup"] = field(
+        metadata=key()
+    )
+    center: Array | None = field(
+        default=None, metadata=key("length", size=3, of=("box", "sphere"), default=...)
+    )
+    size: Array | None = field(
+        default=None, metadata=key("length", size=3, of=("box",), default=...)
+    )
+    start: Array | None = field(
+        default=None, metadata=key("length", name="from", size=3, of=RODS, default=...)
+    )
+    end: Array | None = field(
+        default=None, metadata=key("length", name="to", size=3, of=RODS, default=...)
+    )
+    radius: float = field(default=0.0, metadata=key("length", of=(*RODS, "sphere"), default=...))
+    at: Array = field(
+        default_factory=_origin,
+        metadata=key("length", name="center", size=3, of=("ring", "cup", "mesh")),
+    )
+    rpy: Array = field(
+        default_factory=_origin,
+        metadata=key("angle", size=3, of=("box", "ring", "cup", "mesh")),
+    )
+    round: float = field(default=0.0, metadata=key("length", of=PRIMITIVES))
+    bend: float = field(
+        default=0.0,
+        metadata=key("length", name="radius", above=0.0, of=("ring", "cup"), default=...),
+    )
+    wire_radius: float = field(
+        default=0.0, metadata=key("length", above=0.0, of=("ring",), default=...)
+    )
+    sides: int = field(default=SIDES, metadata=key(least=3, most=MOST_SIDES, of=("ring",)))
+    wall: float = field(default=0.0, metadata=key("length", above=0.0, of=("cup",), default=...))
+    height: float = field(default=0.0, metadata=key("length", above=0.0, of=("cup",), default=...))
+    floor: float = field(default=0.0, metadata=key("length", above=0.0, of=("cup",), default=...))
+    collide: bool | None = field(default=None, metadata=key())
+    weigh: bool | None = field(default=None, metadata=key())
+    visible: bool = field(default=True, metadata=key())
+    hull: Literal["same", "capsule"] = field(default="same", metadata=key(of=PRIMITIVES))
+    density: float | None = field(
+        default=None, metadata=key("density", above=0.0, of=(*PRIMITIVES, "ring", "cup"))
+    )
+    friction: float | None = field(default=None, metadata=key(least=0.0))
+    stiffness: float | None = field(default=None, metadata=key("linear stiffness", above=0.0))
+
+
 def _read_shape(table: Table) -> tuple[Shape, ...]:
     kind = table.text("kind", allowed=KINDS)
-    material = _read_material(table)
-    if kind == "mesh":
-        return (_read_mesh_shape(table, material),)
-    if kind in ("ring", "cup"):
-        return _read_round(table, kind, material)
-    if kind == "box":
-        size = 0.5 * table.vector("size", 3, "length")
-        rpy = table.vector("rpy", 3, "angle", default=np.zeros(3))
-        pose = transform(matrix_from_rpy(*rpy), table.vector("center", 3, "length"))
-    elif kind == "sphere":
-        size = np.array([table.quantity("radius", "length"), 0.0, 0.0])
-        pose = transform(np.eye(3), table.vector("center", 3, "length"))
-    else:
-        start, end = table.vector("from", 3, "length"), table.vector("to", 3, "length")
-        length = float(np.linalg.norm(end - start))
-        if length <= 0.0:
-            raise table.fail("to", "got the same point as `from`; allowed: another point")
-        size = np.array([table.quantity("radius", "length"), 0.5 * length, 0.0])
-        pose = transform(_rotation_to(end - start), 0.5 * (start + end))
-    if not (size[: {"box": 3, "sphere": 1}.get(kind, 2)] > 0.0).all():
-        raise table.fail("size" if kind == "box" else "radius", "must be positive")
-    rounding = table.quantity("round", "length", default=0.0)
-    if not 0.0 <= rounding <= (size.min() if kind == "box" else 0.0):
-        raise table.fail("round_mm", "allowed: 0 to half of a box's smallest edge")
-    shape = Shape(
-        kind=cast(ShapeKind, kind),
-        pose=pose,
-        size=size,
-        material=material,
-        rounding=rounding,
-        collide=table.flag("collide", True),
-        weigh=table.flag("weigh", True),
-        hull=cast(Literal["same", "capsule"], table.text("hull", "same", ("same", "capsule"))),
-        visible=table.flag("visible", True),
-        density=_positive(table, "density", "density"),
-        **_read_surface(table),
-    )
-    if shape.density is not None and not shape.weigh:
-        raise table.fail("density", "contradicts weigh = false; give one of them")
-    return (shape,)
-
-
-def _read_round(table: Table, kind: str, material: str) -> tuple[Shape, ...]:
-    """Return the shapes of a ring or a cup."""
-    turn = matrix_from_rpy(*table.vector("rpy", 3, "angle", default=np.zeros(3)))
-    at = table.vector("center", 3, "length", default=np.zeros(3))
+    material = _material(table, table.record(MaterialKeys))
+    keys = table.record(ShapeKeys, kind)
     like = Shape(
         "capsule",
-        transform(turn, at),
+        transform(matrix_from_rpy(*keys.rpy), keys.at),
         np.zeros(3),
         material,
-        collide=table.flag("collide", True),
-        weigh=table.flag("weigh", True),
-        visible=table.flag("visible", True),
-        density=_positive(table, "density", "density"),
-        **_read_surface(table),
+        collide=keys.collide is not False,
+        weigh=keys.weigh is not False,
+        hull=keys.hull,
+        visible=keys.visible,
+        friction=keys.friction,
+        density=keys.density,
+        stiffness=keys.stiffness,
     )
-    keys = ("radius", "wire_radius") if kind == "ring" else ("radius", "wall", "height", "floor")
-    sizes = [table.positive(key, "length") for key in keys]
-    sides = 0
-    if kind == "ring":
-        sides = int(table.number("sides", SIDES))
-        table.raw("sides")
-        if not 3 <= sides <= MOST_SIDES:
-            raise table.fail("sides", f"got {sides}; allowed: 3 to {MOST_SIDES}")
-    if kind == "ring":
-        return ring(like, sizes[0], sizes[1], sides)
-    return cup(like, sizes[0], sizes[1], sizes[2], sizes[3])
+    if keys.kind == "mesh":
+        return (_read_mesh_shape(table, keys, like),)
+    if keys.kind == "ring":
+        return ring(like, keys.bend, keys.wire_radius, keys.sides)
+    if keys.kind == "cup":
+        return cup(like, keys.bend, keys.wall, keys.height, keys.floor)
+    pose, size = _primitive(table, keys)
+    if not (size[: {"box": 3, "sphere": 1}.get(keys.kind, 2)] > 0.0).all():
+        raise table.fail("size" if keys.kind == "box" else "radius", "must be positive")
+    if not 0.0 <= keys.round <= (size.min() if keys.kind == "box" else 0.0):
+        raise table.fail("round_mm", "allowed: 0 to half of a box's smallest edge")
+    if keys.density is not None and not like.weigh:
+        raise table.fail("density", "contradicts weigh = false; give one of them")
+    return (replace(like, kind=keys.kind, pose=pose, size=size, rounding=keys.round),)
+
+
+def _primitive(table: Table, keys: ShapeKeys) -> tuple[Array, Array]:
+    """Return pose and size of a box, sphere, capsule or cylinder."""
+    if keys.size is not None and keys.center is not None:
+        return transform(matrix_from_rpy(*keys.rpy), keys.center), 0.5 * keys.size
+    if keys.start is None or keys.end is None:
+        return transform(np.eye(3), keys.center), np.array([keys.radius, 0.0, 0.0])
+    way = keys.end - keys.start
+    length = float(np.linalg.norm(way))
+    if length <= 0.0:
+        raise table.fail("to", "got the same point as `from`; allowed: another point")
+    pose = transform(_rotation_to(way), 0.5 * (keys.start + keys.end))
+    return pose, np.array([keys.radius, 0.5 * length, 0.0])
 
 
 def needle_shapes(needle: Needle, material: str) -> tuple[Shape, ...]:
@@ -136,83 +206,88 @@ def link_shape(thread: ChainThread) -> Shape:
     return Shape("capsule", pose, size, thread.material, visible=False, friction=thread.friction)
 
 
-def _read_material(table: Table) -> str:
+def _material(table: Table, keys: MaterialKeys) -> str:
     """Return the name of a material, or of a free colour, as `materials` has it."""
-    if "color" not in table:
-        return table.text("material", "casting", allowed=tuple(MATERIALS))
-    if "material" in table:
+    if keys.color is None:
+        return keys.material or "casting"
+    if keys.material is not None:
         raise table.fail("color", "contradicts material; give one of them")
-    colour = table.text("color")
-    if re.fullmatch("#[0-9a-fA-F]{6}", colour) is None:
-        raise table.fail("color", f'got {colour!r}; allowed: "#" and six digits, as "#b8352f"')
-    return f"color_{colour[1:].lower()}"
+    if re.fullmatch("#[0-9a-fA-F]{6}", keys.color) is None:
+        raise table.fail("color", f'got {keys.color!r}; allowed: "#" and six digits, as "#b8352f"')
+    return f"color_{keys.color[1:].lower()}"
 
 
-class _RevolvedSurface(TypedDict):
-    friction: float | None
-    stiffness: float | None
-
-
-def _read_surface(table: Table) -> _RevolvedSurface:
-    """Return what a shape gives of its contacts."""
-    friction = table.number("friction") if "friction" in table else None
-    table.raw("friction")
-    if friction is not None and friction < 0.0:
-        raise table.fail("friction", f"got {friction:g}; allowed: 0 or more")
-    return {
-        "friction": friction,
-        "stiffness": _positive(table, "stiffness", "linear stiffness"),
-    }
-
-
-def _positive(table: Table, name: str, dimension: str) -> float | None:
-    return table.positive(name, dimension) if table.has(name, dimension) else None
-
-
-def _read_mesh_shape(table: Table, material: str) -> Shape:
-    """Return triangles from a file: looked at, and where they collide, their convex hull."""
-    if table.flag("weigh", False):
+def _read_mesh_shape(table: Table, keys: ShapeKeys, like: Shape) -> Shape:
+    """Return triangles from a file: they are drawn; their convex hull collides."""
+    if keys.weigh:
         raise table.fail(
             "weigh",
             "got true; allowed: false, for a mesh weighs nothing; give mass, com and inertia, or"
             " a box, capsule, cylinder or sphere beside it",
         )
     mesh = read_mesh(table)
-    turn = matrix_from_rpy(*table.vector("rpy", 3, "angle", default=np.zeros(3)))
-    at = table.vector("center", 3, "length", default=np.zeros(3))
-    collide, visible = table.flag("collide", False), table.flag("visible", True)
-    surface = _read_surface(table)
-    return Shape(
-        "mesh",
-        transform(turn, at),
-        np.abs(mesh.vertices).max(axis=0),
-        material,
-        collide=collide,
-        weigh=False,
-        mesh=mesh,
-        visible=visible,
-        **surface,
-    )
+    size = np.abs(mesh.vertices).max(axis=0)
+    collide = keys.collide is True
+    return replace(like, kind="mesh", size=size, collide=collide, weigh=False, mesh=mesh)
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnKeys:
+    """Keys of a drawn solid.
+
+    Attributes:
+        solid: a drawn solid, `"psm/pitch_back"`
+        touches: how the solid collides: `true`, `"box"` or `"capsule"`; default: no contact
+    """
+
+    solid: str = field(default="", metadata=key(see="bodies.md"))
+    touches: object = field(default=False, metadata=key(form="any", see="bodies.md#contact"))
+
+
+@dataclass(frozen=True, eq=False)
+class MassKeys:
+    """Keys of a mass distribution.
+
+    Attributes:
+        mass: above 0; omitted if the shapes have a density [kg]
+        com: centre of mass; default: from the solid, else the shapes, (3,) [m]
+        inertia: `[ixx, iyy, izz, ixy, ixz, iyz]` about the centre of mass, in the frame's axes;
+            default: as for `com` [kg m^2]
+    """
+
+    mass: float | None = field(default=None, metadata=key("mass"))
+    com: Array | None = field(default=None, metadata=key("length", size=3))
+    inertia: Array | None = field(default=None, metadata=key("inertia", size=6))
+
+
+@dataclass(frozen=True, eq=False)
+class BodyKeys(DrawnKeys, MassKeys):
+    """Keys of a body.
+
+    Attributes:
+        frame: that it moves with
+    """
+
+    frame: str = field(kw_only=True, metadata=key())
 
 
 def read_body(table: Table, part: str) -> Body:
-    """Return a body; what the table does not give comes from its shapes at the given mass.
+    """Read a body; its shapes give mass properties that the table lacks, at the given mass.
 
     Raises:
         DescriptionError: an impossible body (mass, positive definiteness, triangle inequality)
     """
-    frame = table.text("frame")
-    solid = read_drawn(table)
-    touches = read_touches(table, solid)
+    keys = table.record(BodyKeys)
+    solid, touches = read_drawn(table, keys)
     drawn = () if solid is None else seen_and_touched(solid, touches)
     shapes = (*drawn, *read_shapes(table))
-    mass = read_mass(table, shapes)
-    com, inertia, origin = read_inertia(table, solid, shapes, mass)
+    mass = read_mass(table, keys, shapes)
+    com, inertia, origin = read_inertia(table, keys, solid, shapes, mass)
     source, name = table.text("source", ""), "" if solid is None else solid.name
-    return Body(frame, mass, com, inertia, shapes, origin, source, part, name, touches)
+    return Body(keys.frame, mass, com, inertia, shapes, origin, source, part, name, touches)
 
 
-def read_mass(table: Table, shapes: tuple[Shape, ...] = ()) -> float:
+def read_mass(table: Table, keys: MassKeys, shapes: tuple[Shape, ...] = ()) -> float:
     """Return the mass that a body must have, or that of its shapes by their densities [kg].
 
     Raises:
@@ -221,7 +296,7 @@ def read_mass(table: Table, shapes: tuple[Shape, ...] = ()) -> float:
     """
     weighed = [shape for shape in shapes if shape.weigh]
     dense = [shape for shape in weighed if shape.density is not None]
-    if dense and table.has("mass", "mass"):
+    if dense and keys.mass is not None:
         raise table.fail("mass", "contradicts the density of a shape; give one of them")
     if dense and len(dense) < len(weighed):
         raise table.fail(
@@ -231,76 +306,63 @@ def read_mass(table: Table, shapes: tuple[Shape, ...] = ()) -> float:
         )
     if dense:
         return float(densities(dense) @ [volume(shape) for shape in dense])
-    mass = table.quantity("mass", "mass")
+    mass = table.quantity("mass", "mass") if keys.mass is None else keys.mass
     if mass <= 0.0:
         raise table.fail("mass_kg", f"got {mass:g}; allowed: above 0")
     return mass
 
 
 def read_inertia(
-    table: Table, solid: Solid | None, shapes: tuple[Shape, ...], mass: float
+    table: Table, keys: MassKeys, solid: Solid | None, shapes: tuple[Shape, ...], mass: float
 ) -> tuple[Array, Array, str]:
-    """Return centre of mass, inertia about it and what that is from.
+    """Return centre of mass, inertia about it and the origin of the inertia.
 
     Raises:
         DescriptionError: an impossible body, or nothing to compute its inertia from
     """
-    com, inertia, origin = _uniform(table, solid, shapes, mass)
-    com = table.vector("com", 3, "length", default=com)
-    if origin == "source":
-        xx, yy, zz, xy, xz, yz = table.vector("inertia", 6, "inertia")
-        inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    weighed = [s for s in shapes if s.weigh]
+    if solid is not None:
+        com, inertia, origin = solid.com, mass * solid.gyration, "solid"
+    elif weighed:
+        com, inertia, origin = *mass_properties(weighed, mass), "shape"
+    elif keys.inertia is not None:
+        com, inertia, origin = np.zeros(3), np.eye(3), "source"
+    else:
+        raise table.fail("inertia_kgm2", "is missing, and there is no shape to compute it from")
+    if keys.com is not None:
+        com = keys.com
+    if keys.inertia is not None:
+        xx, yy, zz, xy, xz, yz = keys.inertia
+        inertia, origin = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), "source"
     problem = impossible(inertia)
     if problem:
         raise table.fail("inertia_kgm2", problem)
     return com, inertia, origin
 
 
-def read_drawn(table: Table) -> Solid | None:
-    """Return the solid that a body or a prop names, None where it names none.
+def read_drawn(table: Table, keys: DrawnKeys) -> tuple[Solid | None, Touches]:
+    """Return the solid of a body or a prop, None without one, and how it collides.
 
     Raises:
         DescriptionError: no such solid
     """
-    name = table.text("solid", "")
-    if not name:
-        return None
+    value = keys.touches
+    if not keys.solid:
+        if value is not False:
+            raise table.fail("touches", f"got {value!r}; allowed: false where there is no `solid`")
+        return None, "nothing"
     try:
-        return read_solid(name)
+        solid = read_solid(keys.solid)
     except KeyError:
         known = solid_names()
-        near = [one for one in known if one.partition("/")[0] == name.partition("/")[0]]
+        near = [one for one in known if one.partition("/")[0] == keys.solid.partition("/")[0]]
         allowed = ", ".join(near or known) or "none, for none are drawn"
-        raise table.fail("solid", f"got {name!r}; allowed: {allowed}") from None
-
-
-def read_touches(table: Table, solid: Solid | None) -> Touches:
-    """Return what of a solid collides, as the table says."""
-    value = table.raw("touches", False)
-    if solid is None and value is not False:
-        raise table.fail("touches", f"got {value!r}; allowed: false where there is no `solid`")
-    if value is False:
-        return "nothing"
-    if value is True:
-        return "pieces"
+        raise table.fail("solid", f"got {keys.solid!r}; allowed: {allowed}") from None
+    if isinstance(value, bool):
+        return solid, "pieces" if value else "nothing"
     if value in ("box", "capsule"):
-        return cast(Touches, value)
+        return solid, cast(Touches, value)
     raise table.fail("touches", f'got {value!r}; allowed: true, false, "box", "capsule"')
-
-
-def _uniform(
-    table: Table, solid: Solid | None, shapes: tuple[Shape, ...], mass: float
-) -> tuple[Array, Array, str]:
-    """Return centre, inertia and what they are from: a drawn solid, or primitive shapes."""
-    weighed = [s for s in shapes if s.weigh]
-    origin = "source" if "inertia_kgm2" in table else "solid" if solid else "shape"
-    if solid is not None:
-        return solid.com, mass * solid.gyration, origin
-    if weighed:
-        return *mass_properties(weighed, mass), origin
-    if origin == "shape":
-        raise table.fail("inertia_kgm2", "is missing, and there is no shape to compute it from")
-    return np.zeros(3), np.eye(3), origin
 
 
 def impossible(inertia: Array) -> str:

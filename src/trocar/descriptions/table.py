@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from copy import copy
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -14,41 +15,16 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
+from trocar.descriptions.keys import Key, layout_of, spellings
 from trocar.errors import DescriptionError, InputError
-from trocar.inputs import MOST_LEVELS, excess_of, read_input
+from trocar.inputs import MOST_LEVELS, excess_of, got, read_input
 
 Array = NDArray[np.float64]
 Row = TypeVar("Row")
+Record = TypeVar("Record")
 
 #: The version of all files. Source: our own choice.
 SCHEMA = 1
-#: Key suffixes of each dimension and their factors to SI.
-UNITS: dict[str, dict[str, float]] = {
-    "length": {"m": 1.0, "mm": 1e-3},
-    "angle": {"rad": 1.0, "deg": math.pi / 180.0},
-    "area": {"m2": 1.0, "mm2": 1e-6},
-    "volume": {"m3": 1.0, "mm3": 1e-9},
-    "mass": {"kg": 1.0, "g": 1e-3},
-    "density": {"kg_per_m3": 1.0, "g_per_cm3": 1e3},
-    "inertia": {"kgm2": 1.0},
-    "torque": {"nm": 1.0},
-    "force": {"n": 1.0},
-    "pressure": {"pa": 1.0, "kpa": 1e3, "gpa": 1e9},
-    "angular damping": {"nms": 1.0},
-    "linear damping": {"ns_per_m": 1.0},
-    "linear stiffness": {"n_per_m": 1.0},
-    "angular stiffness": {"nm_per_rad": 1.0},
-    "angular velocity": {"rad_s": 1.0, "deg_s": math.pi / 180.0},
-    "linear velocity": {"m_s": 1.0},
-    "angular acceleration": {"rad_s2": 1.0, "deg_s2": math.pi / 180.0},
-    "linear acceleration": {"m_s2": 1.0},
-    "position": {"rad_m": 1.0},
-    "angular compliance": {"rad_per_nm": 1.0},
-    "linear compliance": {"m_per_n": 1.0},
-    "time": {"s": 1.0, "ms": 1e-3},
-    "frequency": {"hz": 1.0},
-}
-
 #: Source: our own choice, 70 times the largest of ours; tomllib reads 1 MB within about 2 s.
 MOST_BYTES = 1_000_000
 #: A dotted key of too many parts, for which tomllib takes time that grows with their square.
@@ -115,6 +91,11 @@ class Table:
         file, path = self._inherited.get(found, (self.file, self.path))
         return DescriptionError(file, f"{path}.{key}".strip("."), problem)
 
+    @property
+    def asked(self) -> frozenset[str]:
+        """The keys that were asked for, whether they are there or not."""
+        return frozenset(self._read)
+
     def __contains__(self, key: str) -> bool:
         return key in self._data
 
@@ -130,15 +111,113 @@ class Table:
         self._read.add(key)
         return self._data.get(key, default)
 
+    def record(
+        self,
+        kind: type[Record],
+        of: str = "",
+        /,
+        *,
+        turns: bool | None = None,
+        defaults: Mapping[str, Any] | None = None,
+        choices: Mapping[str, Iterable[str]] | None = None,
+        **given: Any,
+    ) -> Record:
+        """Return a record of the keys that its fields declare; see `values`."""
+        return kind(
+            **given,
+            **self.values(kind, of, turns=turns, defaults=defaults, choices=choices, but=given),
+        )
+
+    def values(
+        self,
+        kind: type[Any],
+        of: str = "",
+        *,
+        turns: bool | None = None,
+        defaults: Mapping[str, Any] | None = None,
+        choices: Mapping[str, Iterable[str]] | None = None,
+        but: Container[str] = (),
+    ) -> dict[str, Any]:
+        """Return the values of the keys that the fields of a record declare, {field: value}.
+
+        Args:
+            kind: class of the record
+            of: kind of the table; keys of other kinds are not read
+            turns: whether the table's joint turns, for keys whose units depend on it
+            defaults: {field: value without its key}, in place of the declared one
+            choices: {field: allowed texts} that depend on other tables
+            but: fields that are not read
+
+        Raises:
+            DescriptionError: a key is missing or wrong
+        """
+        layout = layout_of(kind, of, turns)
+        values = {**layout.defaults, **(defaults or {})}
+        seen: set[str] = set(but)
+        for (key, field, _, dimensions, _), names in layout.needed:
+            if field not in seen and field not in values and self._data.keys().isdisjoint(names):
+                self._value(key, dimensions, ())  # raises: is missing
+        for entry, value in self._data.items():
+            if entry not in layout.entries:
+                continue
+            (key, field, form, dimensions, bounded), factor = layout.entries[entry]
+            if field in seen:
+                if field not in but:
+                    self._one(key.name, dimensions, True)  # raises: given in two units
+                continue
+            seen.add(field)
+            allowed = tuple(choices[field]) if choices and field in choices else key.choices
+            # The usual values, without the calls that find what is wrong with others.
+            if form == "text" and type(value) is str and (value in allowed or not allowed):
+                values[field] = value.strip()
+            elif form == "number" and type(value) in (float, int) and not bounded:
+                values[field] = factor * self._finite(entry, value)
+            else:
+                values[field] = self._value(key, dimensions, allowed)
+        for field, make in layout.factories.items():
+            if field not in seen and field not in values:
+                values[field] = make()
+        for field, like in layout.alike.items():
+            if field not in seen and field not in values:
+                values[field] = values[like]
+        if not but:
+            self._read.update(layout.entries)
+            return values
+        entries = layout.entries.items()
+        self._read.update(name for name, (slot, _) in entries if slot.field not in but)
+        return {field: value for field, value in values.items() if field not in but}
+
+    def _value(self, key: Key, dimensions: tuple[str, ...], choices: tuple[str, ...]) -> Any:
+        """Return the value of a key in SI, within its bounds."""
+        name = key.name
+        if key.form == "text":
+            return self.text(name, allowed=choices)
+        if key.form in ("number", "whole"):
+            value = self.quantity(name, *dimensions) if dimensions else self.number(name)
+            if not key.fits(value) or (key.form == "whole" and value != int(value)):
+                raise self.fail(name, f"got {key.text_of(value)}; allowed: {key.allowed}")
+            return int(value) if key.form == "whole" else value
+        if key.form == "numbers":
+            found = self._one(name, dimensions, True) if dimensions else (name, 1.0)
+            entry, factor = cast(tuple[str, float], found)
+            numbers = factor * self.numbers(entry, key.size)
+            if key.bounded and not all(map(key.fits, numbers.tolist())):
+                raise self.fail(name, got(numbers.tolist(), key.allowed))
+            return numbers
+        if key.form == "weights":
+            row = self.table(name)
+            return {entry: row.number(entry) for entry in row.entries()}
+        return READERS[key.form](self, name)
+
     def text(self, key: str, default: str | None = None, allowed: tuple[str, ...] = ()) -> str:
         """Return a string; without a default the key must be there."""
         value = self.raw(key, default)
         if value is None:
             raise self.fail(key, "is missing; a text is needed")
         if not isinstance(value, str):
-            raise self.fail(key, f"got {value!r}; allowed: a text")
+            raise self.fail(key, got(value, "a text"))
         if allowed and value not in allowed:
-            raise self.fail(key, f"got {value!r}; allowed: {', '.join(allowed)}")
+            raise self.fail(key, got(value, ", ".join(allowed)))
         return value.strip()
 
     def name(self, key: str = "name") -> str:
@@ -154,14 +233,14 @@ class Table:
         if not isinstance(value, list) or not all(
             isinstance(v, str) for v in cast(list[Any], value)
         ):
-            raise self.fail(key, f"got {value!r}; allowed: a list of texts")
+            raise self.fail(key, got(value, "a list of texts"))
         return tuple(cast(list[str], value))
 
     def flag(self, key: str, default: bool) -> bool:
         """Return true or false."""
         value = self.raw(key, default)
         if not isinstance(value, bool):
-            raise self.fail(key, f"got {value!r}; allowed: true, false")
+            raise self.fail(key, got(value, "true, false"))
         return value
 
     def number(self, key: str, default: float | None = None) -> float:
@@ -219,14 +298,14 @@ class Table:
         given = self._numbers(key, value, 3)
         length = float(np.linalg.norm(given))
         if length < 1e-6:
-            raise self.fail(key, f"got {given.tolist()}; allowed: a direction")
+            raise self.fail(key, got(given.tolist(), "a direction"))
         return given / length
 
     def within(self, key: str, lower: Array, upper: Array) -> Array:
         """Return joint positions inside limits, (n,) [rad or m]."""
         q = self.numbers(key, len(lower))
         if (q < lower).any() or (q > upper).any():
-            raise self.fail(key, f"got {q.tolist()}; allowed: {lower.tolist()} to {upper.tolist()}")
+            raise self.fail(key, got(q.tolist(), f"{lower.tolist()} to {upper.tolist()}"))
         return q
 
     def known(self, key: str, name: str, known: Iterable[str], why: str = "") -> str:
@@ -242,14 +321,14 @@ class Table:
         if not isinstance(value, list) or (
             size is not None and len(cast(list[Any], value)) != size
         ):
-            raise self.fail(key, f"got {value!r}; allowed: a list of {expected}")
+            raise self.fail(key, got(value, f"a list of {expected}"))
         return np.array([self._finite(key, v) for v in cast(list[Any], value)], dtype=np.float64)
 
     def matrix(self, key: str, rows: int, columns: int) -> Array:
         """Return a list of rows as an array, (rows, columns)."""
         value = self.raw(key)
         if not isinstance(value, list) or len(cast(list[Any], value)) != rows:
-            raise self.fail(key, f"got {value!r}; allowed: {rows} rows of {columns} numbers")
+            raise self.fail(key, got(value, f"{rows} rows of {columns} numbers"))
         return np.stack([self._numbers(key, row, columns) for row in cast(list[Any], value)])
 
     def table(self, key: str) -> Table:
@@ -258,7 +337,7 @@ class Table:
         if value is None:
             raise self.fail(key, "is missing; a table is needed")
         if not isinstance(value, dict):
-            raise self.fail(key, f"got {value!r}; allowed: a table")
+            raise self.fail(key, got(value, "a table"))
         return Table(cast(dict[str, Any], value), self.file, f"{self.path}.{key}".strip("."))
 
     def optional_table(self, key: str) -> Table:
@@ -273,7 +352,7 @@ class Table:
         value = self.raw(key, [])
         rows: list[Any] = cast(list[Any], value) if isinstance(value, list) else [None]
         if not all(isinstance(row, dict) for row in rows):
-            raise self.fail(key, f"got {value!r}; allowed: [[{key}]] tables")
+            raise self.fail(key, got(value, f"[[{key}]] tables"))
         where = f"{self.path}.{key}".strip(".")
         return [Table(row, self.file, f"{where}[{i}]") for i, row in enumerate(rows)]
 
@@ -312,7 +391,7 @@ class Table:
     def check_schema(self, of: str = "") -> None:
         """Reject a file of another version, or of another kind than `of`."""
         if self.raw("schema") != SCHEMA:
-            raise self.fail("schema", f"got {self.raw('schema')!r}; allowed: {SCHEMA}{of}")
+            raise self.fail("schema", got(self.raw("schema"), f"{SCHEMA}{of}"))
 
     def done(self) -> None:
         """Reject unknown keys; every table may have a `source`.
@@ -322,9 +401,13 @@ class Table:
         """
         if "source" not in self._read:
             self.text("source", "")
+        if self._data.keys() <= self._read:
+            return
         for key in self.entries():
+            near = get_close_matches(key[:200], self._read, n=1)
+            hint = f" (did you mean {near[0]!r}?)" if near else ""
             known = ", ".join(sorted(self._read))
-            raise self.fail(key, f"unknown key; this table knows: {known}")
+            raise self.fail(key, f"unknown key; this table knows: {known}{hint}")
 
     def _entries(self) -> Entries:
         made = Entries(_placed(dict(self._data), self.file, self.path), self.file, self.path)
@@ -332,21 +415,16 @@ class Table:
         return made
 
     def _keys(self, name: str, dimensions: tuple[str, ...]) -> list[tuple[str, float]]:
-        found: list[tuple[str, float]] = []
-        for dimension in dimensions:
-            for suffix, factor in UNITS[dimension].items():
-                key = f"{name}_{suffix}"
-                self._read.add(key)
-                if key in self._data:
-                    found.append((key, factor))
-        return found
+        spelled = spellings(name, dimensions)
+        self._read.update(key for key, _ in spelled)
+        return [pair for pair in spelled if pair[0] in self._data]
 
     def _one(
         self, name: str, dimensions: tuple[str, ...], needed: bool
     ) -> tuple[str, float] | None:
         found = self._keys(name, dimensions)
         if needed and not found:
-            spelled = ", ".join(f"{name}_{unit}" for d in dimensions for unit in UNITS[d])
+            spelled = ", ".join(key for key, _ in spellings(name, dimensions))
             raise self.fail(name, f"is missing; allowed keys: {spelled}")
         if len(found) > 1:
             raise self.fail(found[1][0], f"contradicts {found[0][0]}; give one of them")
@@ -358,8 +436,17 @@ class Table:
             or not isinstance(value, (int, float))
             or not math.isfinite(value)
         ):
-            raise self.fail(key, f"got {value!r}; allowed: a finite number")
+            raise self.fail(key, got(value, "a finite number"))
         return float(value)
+
+
+READERS: Mapping[str, Callable[[Table, str], Any]] = {
+    "name": Table.name,
+    "texts": Table.texts,
+    "flag": lambda table, key: table.flag(key, False),
+    "direction": Table.direction,
+    "any": Table.raw,
+}
 
 
 def read_table(path: Path) -> Table:
@@ -382,7 +469,8 @@ def parse_table(text: str, file: str) -> Table:
     Raises:
         DescriptionError: it is not TOML; line and column are named
     """
-    if LONG_KEY.search(text):
+    # The expression takes as long as a fifth of reading the file: only lines of many dots need it.
+    if any(line.count(".") > MOST_LEVELS and LONG_KEY.search(line) for line in text.splitlines()):
         raise DescriptionError(file, "", f"is nested too deeply; allowed: {MOST_LEVELS} levels")
     try:
         document = tomllib.loads(text)

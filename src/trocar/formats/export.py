@@ -9,7 +9,7 @@ from pathlib import Path
 
 from trocar.descriptions import RigDescription, load_arm, load_rig, names, rig_with_tool
 from trocar.descriptions.calibrated import calibrated_rig
-from trocar.descriptions.lone_arm import lone_arm_rig
+from trocar.descriptions.rigs import lone_arm_rig
 from trocar.errors import InputError, UnknownNameError
 from trocar.formats.folder import ExportTask
 from trocar.formats.format import formats

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trocar.descriptions.records import RigDescription
-from trocar.descriptions.teleop_records import TeleopDescription
+from trocar.descriptions.teleops import TeleopDescription
 from trocar.errors import InputError
 from trocar.live.inbox import Command
 from trocar.live.loop import Loop

@@ -10,7 +10,7 @@ import logging
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
-from trocar.descriptions.teleop_records import TeleopDescription
+from trocar.descriptions.teleops import TeleopDescription
 from trocar.errors import InputError, UnknownNameError
 from trocar.teleoperation.masters import (
     Master,

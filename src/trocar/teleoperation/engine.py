@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Mapping
 from functools import partial
 from typing import Any, Protocol
 
-from trocar.descriptions.teleop_records import TeleopDescription
+from trocar.descriptions.teleops import TeleopDescription
 from trocar.errors import InputError, UnknownNameError
 from trocar.live.inbox import Command
 from trocar.live.loop import Loop

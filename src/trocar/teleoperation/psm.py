@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.teleop_records import TeleopDescription
+from trocar.descriptions.teleops import TeleopDescription
 from trocar.geometry.rotations import angle_between
 from trocar.geometry.se3 import transform
 from trocar.teleoperation.component import ALIGNING, ENABLED, SETTING, TeleopComponent

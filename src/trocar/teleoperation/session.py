@@ -9,7 +9,7 @@ from math import radians
 from typing import TYPE_CHECKING
 
 from trocar.descriptions.records import RigDescription
-from trocar.descriptions.teleop_records import TeleopDescription
+from trocar.descriptions.teleops import TeleopDescription
 from trocar.errors import InputError, UnknownNameError
 from trocar.ros import Component
 from trocar.teleoperation.component import DISABLED, ENABLED

@@ -10,8 +10,8 @@ import mujoco
 import pytest
 
 from trocar.descriptions import load_arm, load_rig, names
-from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.descriptions.records import RigDescription
+from trocar.descriptions.rigs import lone_arm_rig
 from trocar.formats.meshes import obj
 from trocar.formats.mjcf import POSITION, Variant, mjcf_document
 

@@ -13,9 +13,9 @@ import pytest
 from tests.formats.mjcf.conftest import ARMS, RIGS, compiled, find, model_of, written
 from trocar.descriptions import load_arm, load_rig, names
 from trocar.descriptions.calibrated import apply_overlay
-from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.descriptions.meshes import Mesh
 from trocar.descriptions.records import Shape
+from trocar.descriptions.rigs import lone_arm_rig
 from trocar.errors import InputError, MissingExtraError
 from trocar.formats.mjcf import (
     BRAKED_DAMPING,

@@ -10,8 +10,8 @@ from trocar import build
 from trocar.descriptions import load_arm
 from trocar.descriptions.calibrated import as_overlay
 from trocar.descriptions.inertial import apparent_inertias, holding_efforts
-from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.descriptions.records import ArmDescription
+from trocar.descriptions.rigs import lone_arm_rig
 from trocar.robot.identification import JointMotion, predicted_efforts, rigid_efforts
 from trocar.robot.identification.drivetrains import described_trains
 from trocar.robot.identification.rigid_body import mass_com_inertia, parameters, pseudo_inertia

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from trocar.descriptions import load_arm
-from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.descriptions.overlay import apply_overlay
 from trocar.descriptions.overlay_records import ClosurePatch, FramePatch, Overlay
 from trocar.descriptions.paper import TABLE6, TABLE7, TABLE7_ERROR_M, load_printed
+from trocar.descriptions.rigs import lone_arm_rig
 from trocar.formats.links import rig_links
 from trocar.geometry.rotations import matrix_from_rotation_vector, rpy_from_matrix
 from trocar.kinematics import flattenings, forward

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from trocar.descriptions import ArmDescription, load_arm
 from trocar.descriptions.calibrated import One, selects_cad
-from trocar.descriptions.lone_arm import lone_arm_rig
+from trocar.descriptions.rigs import lone_arm_rig
 from trocar.errors import InputError, LogError
 from trocar.recording.bags import is_bag
 from trocar.robot.logs import Wrist, check_rows, count_rows, read_bag, read_log, recorded_joints

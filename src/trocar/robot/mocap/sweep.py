@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions.calibration_plan import hinge_side
-from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.descriptions.records import ArmDescription
+from trocar.descriptions.rigs import lone_arm_rig
 from trocar.descriptions.serial_axes import serial_joints
 from trocar.errors import InputError
 from trocar.simulation import World

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions import ArmDescription
-from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.descriptions.records import DynamicsKind, Gains
+from trocar.descriptions.rigs import lone_arm_rig
 from trocar.errors import InputError
 from trocar.simulation import World
 

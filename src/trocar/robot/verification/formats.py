@@ -16,8 +16,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.descriptions.records import RigDescription
+from trocar.descriptions.rigs import lone_arm_rig
 from trocar.errors import MissingExtraError
 from trocar.formats.links import LinkModel, joint_values, link_name, link_poses, rig_links
 from trocar.formats.mjcf import mjcf_document

@@ -10,8 +10,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.descriptions.records import ArmDescription, JointDescription
+from trocar.descriptions.rigs import lone_arm_rig
 from trocar.geometry.rotations import matrix_from_rpy
 from trocar.geometry.se3 import transform
 from trocar.kinematics import forward

@@ -53,6 +53,7 @@ from trocar.simulation.masters import (
 from trocar.simulation.motors import MODES, Motors
 from trocar.simulation.moves import RATIO_MIN, Motion
 from trocar.simulation.objects import checked_pose
+from trocar.simulation.readout import least_wrench, turned
 from trocar.simulation.records import (
     ArmHealth,
     ArmSample,
@@ -76,25 +77,8 @@ STATE_COMMANDS = ("enable", "disable", "home", "unhome", "pause", "resume")
 #: Cartesian commands need the first wrist joint this far past the remote centre. Source:
 #: mtsIntuitiveResearchKit.h, SafeDistanceFromRCM. [m]
 SAFE_DEPTH_M = 0.045
-#: Source: our own choice; motors' efforts do not show directions in which a tip moves so little.
-RCOND = 1e-9
 #: The closed form of masters, whose wrist platform is free and whose gimbal can be locked.
 GIMBAL_ARM = "gimbal_arm"
-
-
-def least_squares(A: Array, b: Array) -> Array:
-    """Return the smallest x with the least |A x - b|; directions weaker than RCOND are left out.
-
-    Where A is square and far from singular, that is by its inverse, in half the time.
-    """
-    if A.shape[0] == A.shape[1]:
-        try:
-            back = np.linalg.inv(A)
-        except np.linalg.LinAlgError:
-            back = np.full_like(A, np.inf)
-        if np.vdot(A, A) * np.vdot(back, back) < RCOND**-2:
-            return back.dot(b)
-    return np.asarray(np.linalg.lstsq(A, b, rcond=RCOND)[0], dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -918,16 +902,19 @@ class Arm:
     def measured_cv(self) -> Twist:
         """Return the velocity of the tip's origin and its rotation, in axes of `measured_cp`."""
         base, frame = self.base_frame()
-        own = self.local_measured_cv()
-        R = base[:3, :3]
-        return Twist(R @ own.linear, R @ own.angular, frame, own.time)
+        own = self._local_twist()
+        twist = turned(base[:3, :3], own)
+        return Twist(twist[:3], twist[3:], frame, self._clock.time)
 
     def local_measured_cv(self) -> Twist:
         """Return the same in axes of the arm's own reference frame [m/s, rad/s]."""
-        reference, qd = self.description.mechanism.reference, self.motors.read()[1]
-        R = self.local_measured_cp().T[:3, :3]
-        twist = self._jacobian("body").dot(qd)
-        return Twist(R @ twist[:3], R @ twist[3:], reference, self._clock.time)
+        twist, frame = self._local_twist(), self.description.mechanism.reference
+        return Twist(twist[:3], twist[3:], frame, self._clock.time)
+
+    def _local_twist(self) -> Array:
+        """Return the tip's velocity in axes of the arm's own reference frame, (6,)."""
+        R, qd = self.local_measured_cp().T[:3, :3], self.motors.read()[1]
+        return turned(R, self._jacobian("body").dot(qd))
 
     def measured_cf(self, frame: WrenchFrame = "body") -> Wrench:
         """Return the wrench that the motors exert at the tip, what carries the links not counted.
@@ -942,7 +929,7 @@ class Arm:
         """
         J = self.jacobian(frame)
         effort = (self.motors.read()[2] - self.motors.load())[self._own]
-        wrench = least_squares(J.T, effort)
+        wrench = least_wrench(J, effort)
         mechanism = self.description.mechanism
         named = f"{self.name}_{mechanism.tip}" if frame == "body" else mechanism.reference
         return Wrench(wrench[:3], wrench[3:], named, self._clock.time)

@@ -15,8 +15,8 @@ import numpy as np
 from mujoco.batch import Batch as Rows
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.descriptions.records import CART, DISPLAY, RigArm, RigDescription
-from trocar.descriptions.rig_frames import Places
+from trocar.descriptions.records import RigArm, RigDescription
+from trocar.descriptions.rig_frames import Places, pose_origin
 from trocar.errors import (
     DivergedError,
     InputError,
@@ -34,7 +34,7 @@ from trocar.simulation.drives import SPRING_FIELDS, SpringFields, Springs, sprin
 from trocar.simulation.frames import Frames
 from trocar.simulation.object_kinematics import ObjectKinematics
 from trocar.simulation.reading_errors import ReadingErrors
-from trocar.simulation.servos import POSITION, pid_effort, read_matrix, voltage_loss
+from trocar.simulation.servos import POSITION, MotorEffort, pid_effort, read_matrix
 from trocar.simulation.world import GRAVITY_PERIOD_S, World
 
 Array = NDArray[np.float64]
@@ -134,7 +134,8 @@ class Batch:
         self._gains = np.broadcast_to(self._effective(), (self.n, len(self.names), 3))
         self._read = self._own_read()
         driven = self._servos["locked"] == 0
-        self._limit = np.where(driven, self._servos["limit"], 0.0)
+        self._motors = MotorEffort(self._table, slice(None))
+        self._motors.renew(np.where(driven, self._servos["limit"], 0.0))
         self._ctrl = self._rows.bind("ctrl")
         self._qpos = self._rows.bind("qpos")
         self._objects = ObjectKinematics(self.rig, self._model)
@@ -372,8 +373,8 @@ class Batch:
             inputs = numbers[:, -nu:].reshape(self._inputs.shape)
             act = numbers[:, self._model.nq + self._model.nv : -nu]
             effort = pid_effort(self._gains, inputs, act, q, qd)
-        effort = np.clip(effort, -self._limit, self._limit)
-        return q, qd, effort - voltage_loss(self._table.slope, self._table.corner, qd)
+        self._motors.limit(effort, qd)
+        return q, qd, effort
 
     def _effective(self) -> Array:
         return self._servos["gains"] * self._on[:, None]
@@ -441,19 +442,15 @@ class Batch:
 
     def _base(self, name: str, local: Mapping[str, Array]) -> Array:
         """Return an arm's reference frame in the frame of its public poses, (n, 4, 4) or (4, 4)."""
-        arm = self._arms[name]
-        if arm.base_frame is not None:
-            return arm.base_frame.pose
-        frame = self.rig.pose_frame(name, self.rig.reference_arm)
-        if frame == arm.own_frame:
-            return np.eye(4)
-        own = self._references[name]
-        if frame == DISPLAY and self.rig.display is not None:
-            return inverse(self.rig.display) @ own
-        if frame == CART:
-            return inverse(self._references[arm.on]) @ own
-        seen = inverse(self._references[frame] @ local[frame]) @ own
-        return self._error_state["registration"].get(name, np.eye(4)) @ seen
+
+        def tip(other: str) -> Array:
+            return self._references[other] @ local[other]
+
+        origin = pose_origin(self.rig, name, self.rig.reference_arm)
+        base = origin.base_pose(name, self._references.__getitem__, tip)
+        if not origin.tip:
+            return base
+        return self._error_state["registration"].get(name, np.eye(4)) @ base
 
     def _balance(self, world: int) -> None:
         """Feed forward what holds every motor's load in one world."""

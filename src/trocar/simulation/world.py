@@ -756,13 +756,13 @@ class World:
             arms: include every arm's joints, too, which takes ten times as long as all bodies
         """
         found: dict[str, ArmSnapshot] = {}
-        centres, every = self._true.remote_centres(), self.servos.read() if arms else None
+        shown, every = self._true.bodies(), self.servos.read() if arms else None
+        centres = self._true.remote_centres(shown)
         if every is not None:
             for name, arm in self.arms.items():
                 motors = arm.motors
                 read = None if motors.welded else every[:, motors.index.rows]
                 found[name] = arm.snapshot(centres.get(name), read)
-        shown = self._true.shadow
         at, turn = shown.xpos.copy(), shown.xquat.copy()
         if self.rig.bands:
             rods = band_poses(self.rig, self._model, shown)
@@ -912,7 +912,7 @@ class World:
         for thread in self.threads.values():
             thread.attach(model, data)
         for tissue in self.tissues.values():
-            shadows = self.frames.shadow, self._true.shadow
+            shadows = *self.frames.scratches, *self._true.scratches
             tissue.attach(model, data, shadows, jaws_of(self.rig, model))
         self._grippers = [a.gripper for a in self.arms.values() if a.gripper is not None]
         self._schedule = self._draw_up()

@@ -993,8 +993,7 @@ class Arm:
                 inside = np.clip(found, self.lower[self._own], self.upper[self._own])
                 if (np.abs(found - inside) <= LIMIT_TOLERANCE).all():
                     return inside
-        platform = float(start[PLATFORM]) if structure == GIMBAL_ARM else None
-        return nearest_solution(mechanism, structure, local, start, platform_angle=platform)
+        return nearest_solution(mechanism, structure, local, start)
 
     def status(self) -> ArmStatus:
         """Return what changes with commands and events only; the same object until then."""

@@ -427,14 +427,10 @@ class Batch:
         local = self.local_tips(self._inputs[:, :, 0])
         goals = inverse(self._base(name, local)) @ check_transform(T)
         rejected = np.zeros(self.n, np.bool_)
-        structure = arm.inverse_kinematics
-        platform = 3 if structure == "gimbal_arm" else None
         for world in range(self.n):
-            seed = positions[world, own]
-            angle = None if platform is None else float(seed[platform])
             try:
                 positions[world, own] = nearest_solution(
-                    arm.mechanism, structure, goals[world], seed, platform_angle=angle
+                    arm.mechanism, arm.inverse_kinematics, goals[world], positions[world, own]
                 )
             except (UnreachableError, SingularError):
                 rejected[world] = True

@@ -20,6 +20,7 @@ from trocar.descriptions.rig_frames import pose_origin
 from trocar.errors import LoopError
 from trocar.geometry.se3 import inverse
 from trocar.kinematics.forward import coordinates
+from trocar.kinematics.inverse import newton
 from trocar.kinematics.loops import LoopTable, coordinate_rates, folding_table, passive_frames
 from trocar.modeling import naming
 from trocar.modeling.joints import JointTable
@@ -32,9 +33,9 @@ IDENTITY = np.eye(4)
 #: Newton's method brings a tip to a pose to this [m or rad]. Source: our own choice; rounding is
 #: some 1e-15, and 1e-9 is promised.
 REACHED = 1e-11
-#: It takes at most so many steps, each of at most the second figure [rad or m]. Source: our own
-#: choice; from a closed form that is off by some mm it takes three.
-NEWTON_STEPS, LONGEST_STEP = 10, 0.2
+#: It takes at most so many steps. Source: our own choice; from a closed form that is off by some mm
+#: it takes three.
+NEWTON_STEPS = 10
 
 
 class Frames:
@@ -280,9 +281,11 @@ class Frames:
         goal = self._reference[name].pose().dot(T)
         at, axes = goal[:3, 3], goal[:3, :3]
         every, miss = np.zeros(linkage.drive.shape[0]), np.empty(6)
-        found, far, longest = every[: len(q)], miss[:3], np.inf
+        found, far, near = every[: len(q)], miss[:3], False
         found[:] = q
-        for _ in range(NEWTON_STEPS):
+
+        def step(longest: float) -> Array | None:
+            nonlocal near
             try:
                 shown[linkage.qpos], rates = linkage.at(every)
             except LoopError:
@@ -293,19 +296,18 @@ class Frames:
             miss[3:] = 0.5 * (r21 - r12), 0.5 * (r02 - r20), 0.5 * (r10 - r01)
             missed = max(map(abs, miss.tolist()))
             if missed < REACHED or longest < REACHED:
-                return found if missed <= tolerance and r00 + r11 + r22 > 1.0 else None
+                near = missed <= tolerance and r00 + r11 + r22 > 1.0
+                return None
             J = self._slope(tip.body, tip.at, rates)[:, : len(q)]
             try:
-                step = (
-                    np.linalg.solve(J, miss)
-                    if len(q) == 6
-                    else np.linalg.solve(J.T.dot(J), miss.dot(J))
-                )
+                if len(q) == 6:
+                    return np.linalg.solve(J, miss)
+                return np.linalg.solve(J.T.dot(J), miss.dot(J))
             except np.linalg.LinAlgError:
                 return None
-            longest = max(map(abs, step.tolist()))
-            found += step if longest <= LONGEST_STEP else step * (LONGEST_STEP / longest)
-        return None
+
+        newton(found, step, NEWTON_STEPS)
+        return found if near else None
 
     def _slope(self, body: int, point: Array, rates: Array) -> Array:
         """Return how a point of a body moves with the joints that hinges follow, (6, n)."""

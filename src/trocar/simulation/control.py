@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from trocar.errors import RejectedError
+from trocar.simulation.cameras import CameraRecord
 from trocar.simulation.frames import Frames
 from trocar.simulation.journal import Journal
 from trocar.simulation.motors import Motors
@@ -28,10 +30,11 @@ BRAKE_SLACK = 1e-4
 LARGEST = 1e6
 
 log = logging.getLogger("trocar")
+OnReject = Literal["warn", "raise"]
 
 
 class ArmWorld(Protocol):
-    """What an arm needs of its world."""
+    """A `World` as its arms use it, declared here because world.py imports the arms."""
 
     @property
     def journal(self) -> Journal:
@@ -53,6 +56,15 @@ class ArmWorld(Protocol):
         """Arm on setup joints whose tip frame the poses of the others are in."""
         ...
 
+    @property
+    def on_reject(self) -> OnReject:
+        """Whether rejected commands warn or raise."""
+        ...
+
+    def cameras(self) -> dict[str, CameraRecord]:
+        """Return every camera of the rig, by name, with its present pose."""
+        ...
+
     def base_pose(self, name: str) -> tuple[Array, str]:
         """Return the pose of an arm's reference frame in the frame of its public poses."""
         ...
@@ -67,24 +79,45 @@ class ArmWorld(Protocol):
 
 
 class Rejections:
-    """Checks an arm's commands and warns of those that it rejects or clips.
+    """Checks an arm's commands; counts and reports those that it rejects or clips.
+
+    Args:
+        arm: its name
+        world: where it is
 
     Attributes:
-        count: how many commands were rejected or clipped
+        count: number of rejected and clipped commands
         last: the last reason
     """
 
-    def __init__(self, arm: str, time: Callable[[], float], journal: Journal) -> None:
+    def __init__(self, arm: str, world: ArmWorld) -> None:
         self.count = 0
         self.last = ""
-        self._arm, self._time, self._journal = arm, time, journal
+        self._arm, self._world, self._journal = arm, world, world.journal
         self._limit = RateLimit()
 
+    def reject(self, verb: str, kind: str, why: str) -> None:
+        """Count a rejected command, and warn of it or raise as the world's `on_reject` has it.
+
+        Args:
+            verb: of the command
+            kind: of the reason; a warning of a streamed command of a kind comes once in a while
+            why: reason
+
+        Raises:
+            RejectedError: `on_reject` is "raise"
+        """
+        if self._world.on_reject == "raise":
+            self.count += 1
+            self.last = f"{verb}: {why}"
+            raise RejectedError(self._arm, verb, why)
+        self.warn(f"{verb} {kind}", f"{verb}: {why}")
+
     def warn(self, kind: str, reason: str) -> None:
-        """Count a rejected or clipped command; warn of streamed ones of a kind once in a while."""
+        """Count a clipped command and warn of it; of streamed ones of a kind once in a while."""
         self.count += 1
         self.last = reason
-        left_out = self._limit.due(kind, self._time(), burst(kind))
+        left_out = self._limit.due(kind, self._world.time, burst(kind))
         if left_out is None:
             return
         text = reason + suffix(left_out)
@@ -107,7 +140,7 @@ class Rejections:
     def vector(
         self, values: ArrayLike, names: tuple[str, ...], verb: str, what: str
     ) -> Array | None:
-        """Return one finite number per name, (n,) float64, or warn and return None."""
+        """Return one finite number per name, (n,) float64, or reject the command and return None."""
         allowed = f"{len(names)} numbers for {', '.join(names)}"
         try:
             array = np.asarray(values)
@@ -115,20 +148,17 @@ class Rejections:
             array = np.asarray(None)
         if array.shape != (len(names),):
             got = f"of shape {array.shape}" if array.dtype.kind in "iuf" else "that are no numbers"
-            self.warn(f"{verb} {what} shape", f"{verb}: got {what} {got}; allowed: {allowed}")
+            self.reject(verb, f"{what} shape", f"got {what} {got}; allowed: {allowed}")
             return None
         if array.dtype.kind not in "iuf":
-            self.warn(
-                f"{verb} {what} type",
-                f"{verb}: got {what} {array.tolist()!r}; allowed: {allowed}",
-            )
+            why = f"got {what} {array.tolist()!r}; allowed: {allowed}"
+            self.reject(verb, f"{what} type", why)
             return None
         if not (np.abs(array) <= LARGEST).all():  # NaN is not either
-            self.warn(
-                f"{verb} {what} finite",
-                f"{verb}: got {what} {array.tolist()}; allowed: finite numbers, magnitude up to"
-                f" {LARGEST:g}",
+            why = (
+                f"got {what} {array.tolist()}; allowed: finite numbers, magnitude up to {LARGEST:g}"
             )
+            self.reject(verb, f"{what} finite", why)
             return None
         return array.astype(np.float64)
 
@@ -190,9 +220,7 @@ class JointControl:
         )
         self.states = before.states if before else States()
         self.strict_limits = before.strict_limits if before else False
-        self.rejections = (
-            before.rejections if before else Rejections(name, lambda: clock.time, clock.journal)
-        )
+        self.rejections = before.rejections if before else Rejections(name, clock)
         if before:
             self.moves.velocity_ratio = before.moves.velocity_ratio
             self.moves.acceleration_ratio = before.moves.acceleration_ratio
@@ -437,10 +465,10 @@ class JointControl:
     # ------------------------------------------------------------------ state
 
     def ready(self, verb: str) -> bool:
-        """Return whether the operating state lets the arm move, with a warning when not."""
+        """Return whether the operating state lets the arm move; reject the command when not."""
         why = self.states.why_not_ready()
         if why:
-            self.rejections.warn(f"{verb} {why}", f"{verb}: {why}")
+            self.rejections.reject(verb, why, why)
         return not why
 
     def report(self, event: str, **values: object) -> None:
@@ -463,7 +491,7 @@ class JointControl:
         m.position[which], m.velocity[which], m.effort[which] = here[which], 0.0, 0.0
 
     def _immobile(self, part: slice, verb: str) -> bool:
-        """Warn and return True when no joint could follow."""
+        """Reject a command and return True when no joint could follow."""
         if not self.ready(verb):
             return True
         m = self.motors
@@ -476,7 +504,7 @@ class JointControl:
             why = 'every joint is in mode "effort"; nothing moves'
         else:
             return False
-        self.rejections.warn(f"{verb} stuck", f"{verb}: {why}")
+        self.rejections.reject(verb, "stuck", why)
         return True
 
     def _slowed(self, speed: Array, part: slice, verb: str) -> Array:
@@ -503,9 +531,8 @@ class JointControl:
         if (inside != target).any():
             beyond = ", ".join(n for n, c in zip(names, inside != target, strict=True) if c)
             if self.strict_limits:
-                self.rejections.warn(
-                    f"{verb} {beyond} strict", f"{verb}: {beyond} beyond the limit; nothing moves"
-                )
+                why = f"{beyond} beyond the limit; nothing moves"
+                self.rejections.reject(verb, f"{beyond} strict", why)
                 return None
             self.rejections.warn(
                 f"{verb} {beyond} clipped", f"{verb}: {beyond} clipped to the limit"

@@ -91,6 +91,11 @@ class Frames:
     def _qpos(self) -> Array:
         return self._true_qpos if self._errors is None else self._errors.qpos()
 
+    @property
+    def arms(self) -> tuple[str, ...]:
+        """Names of the rig's arms."""
+        return tuple(self._known)
+
     def register(self, registration: Mapping[str, Array] | None) -> None:
         """Set where cameras' frames are reported, {arm: in the true frame of its poses (4, 4)}."""
         self._registration = registration or {}

@@ -173,7 +173,11 @@ def _numbers(value: object) -> int:
 
 
 class Commanded(Protocol):
-    """Something with verbs: a world, an arm, a jaw."""
+    """Something with verbs: a world, an arm, a jaw.
+
+    One that entries name may have `verbs`, {name in entries: path of the method from it}, of
+    methods that its parts have.
+    """
 
     #: Receives its commands; its arm's name or "world"; what comes before its verbs.
     _journal: Journal
@@ -183,27 +187,36 @@ class Commanded(Protocol):
 
 def command(verb: Callable[P, R]) -> Callable[P, R]:
     """Mark a method of something `Commanded` as a verb whose calls are entries of the journal."""
-    parameters, name = list(inspect.signature(verb).parameters.values())[1:], verb.__name__
-    names = [p.name for p in parameters if p.kind is p.POSITIONAL_OR_KEYWORD]
+    return command_as(verb.__name__)(verb)
 
-    @functools.wraps(verb)
-    def journaled(*args: P.args, **kwargs: P.kwargs) -> R:
-        owner: Any = args[0]  # something Commanded; this runs with every servo command
-        journal: Journal = owner._journal
-        if not journal.inside and (journal.listeners or not journal.past.incomplete):
-            given = dict(zip(names, args[1:]))  # noqa: B905  too many: below
-            # a call that Python rejects makes no entry: what is left of it might be accepted
-            if len(args) <= 1 + len(names) and given.keys().isdisjoint(kwargs):
-                journal.command(owner._source, owner._prefix + name, given | kwargs)
-        journal.inside += 1
-        try:
-            return verb(*args, **kwargs)
-        finally:
-            journal.inside -= 1
-            journal.revision += 1
 
-    journaled.is_command = True  # type: ignore[attr-defined]
-    return journaled
+def command_as(name: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Mark a method as a verb, as `command` does, whose entries have a name of their own."""
+
+    def mark(verb: Callable[P, R]) -> Callable[P, R]:
+        parameters = list(inspect.signature(verb).parameters.values())[1:]
+        names = [p.name for p in parameters if p.kind is p.POSITIONAL_OR_KEYWORD]
+
+        @functools.wraps(verb)
+        def journaled(*args: P.args, **kwargs: P.kwargs) -> R:
+            owner: Any = args[0]  # something Commanded; this runs with every servo command
+            journal: Journal = owner._journal
+            if not journal.inside and (journal.listeners or not journal.past.incomplete):
+                given = dict(zip(names, args[1:]))  # noqa: B905  too many: below
+                # a call that Python rejects makes no entry: what is left of it might be accepted
+                if len(args) <= 1 + len(names) and given.keys().isdisjoint(kwargs):
+                    journal.command(owner._source, owner._prefix + name, given | kwargs)
+            journal.inside += 1
+            try:
+                return verb(*args, **kwargs)
+            finally:
+                journal.inside -= 1
+                journal.revision += 1
+
+        journaled.is_command = True  # type: ignore[attr-defined]
+        return journaled
+
+    return mark
 
 
 def apply_command(world: object, entry: Entry) -> None:
@@ -214,7 +227,8 @@ def apply_command(world: object, entry: Entry) -> None:
         TrocarError: as the verb raises
     """
     target: Any = _commanded(cast(Any, world), entry.source)
-    *parts, verb = entry.name.split(".")
+    verbs: Mapping[str, str] = getattr(target, "verbs", {})
+    *parts, verb = verbs.get(entry.name, entry.name).split(".")
     for part in parts:
         target = None if part.startswith("_") else getattr(target, part, None)
     method = None if target is None else getattr(target, verb, None)

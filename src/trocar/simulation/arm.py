@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,6 +30,41 @@ __all__ = ["SAFE_DEPTH_M", "STATE_COMMANDS", "Arm", "ArmState", "Expiry"]
 Array = NDArray[np.float64]
 
 
+#: {verb in the journal: path of its method from the arm}, of those that parts of the arm have.
+VERBS: Mapping[str, str] = {
+    **{
+        name: f"runtime.states.{name}"
+        for name in ("state_command", "enable", "disable", "home", "unhome", "pause", "resume")
+    },
+    **{
+        name: f"forces.{name}"
+        for name in (
+            "servo_cf",
+            "servo_ci",
+            "set_cf_orientation_absolute",
+            "use_controller",
+            "lock_orientation",
+            "unlock_orientation",
+        )
+    },
+    **{
+        name: f"joints.{name}"
+        for name in (
+            "set_mode",
+            "set_gains",
+            "use_gravity_compensation",
+            "use_computed_torque",
+            "use_strict_limits",
+            "set_trajectory_ratio",
+        )
+    },
+    "release_brakes": "brakes.release",
+    "lock_brakes": "brakes.lock",
+    "set_base_frame": "local.set_base_frame",
+    "set_tool_type": "runtime.set_tool_type",
+}
+
+
 class Arm:
     """One arm of a rig. Commands that cannot be used are rejected with a warning; nothing moves.
 
@@ -44,41 +79,9 @@ class Arm:
         brakes: {joint: whether its brake is locked}, empty without brakes
         rejections: number of rejected and clipped commands, and the last reason
         runtime: the parts behind it, which its world steps
-        verbs: {recorded verb: path of its method}, of those that parts of the arm have
     """
 
-    verbs: ClassVar[Mapping[str, str]] = {
-        **{
-            name: f"runtime.states.{name}"
-            for name in ("state_command", "enable", "disable", "home", "unhome", "pause", "resume")
-        },
-        **{
-            name: f"forces.{name}"
-            for name in (
-                "servo_cf",
-                "servo_ci",
-                "set_cf_orientation_absolute",
-                "use_controller",
-                "lock_orientation",
-                "unlock_orientation",
-            )
-        },
-        **{
-            name: f"joints.{name}"
-            for name in (
-                "set_mode",
-                "set_gains",
-                "use_gravity_compensation",
-                "use_computed_torque",
-                "use_strict_limits",
-                "set_trajectory_ratio",
-            )
-        },
-        "release_brakes": "brakes.release",
-        "lock_brakes": "brakes.lock",
-        "set_base_frame": "local.set_base_frame",
-        "set_tool_type": "runtime.set_tool_type",
-    }
+    _verbs = VERBS
 
     def __init__(self, rig_arm: RigArm, motors: Motors, clock: ArmWorld) -> None:
         self.name = self._source = rig_arm.name

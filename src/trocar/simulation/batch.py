@@ -170,7 +170,7 @@ class Batch:
         self._periods = np.zeros(self.n, np.int64)
         scratch = mujoco.MjData(self._model)
         self._scratch, self._frames = scratch, Frames(self.rig, self._table, self._model, scratch)
-        places = Places(self.rig, lambda name: world.arm(name).positions())
+        places = Places(self.rig, lambda name: world.arm(name).joints.positions())
         self._references = {name: places.reference_pose(name) for name in self._arms}
         self._seed = np.random.SeedSequence(seed)
         self.rngs: list[np.random.Generator] = []

@@ -140,7 +140,7 @@ class Rejections:
     def vector(
         self, values: ArrayLike, names: tuple[str, ...], verb: str, what: str
     ) -> Array | None:
-        """Return one finite number per name, (n,) float64, or reject the command and return None."""
+        """Return one finite number per name, (n,), or reject the command and return None."""
         allowed = f"{len(names)} numbers for {', '.join(names)}"
         try:
             array = np.asarray(values)

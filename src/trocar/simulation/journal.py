@@ -175,7 +175,7 @@ def _numbers(value: object) -> int:
 class Commanded(Protocol):
     """Something with verbs: a world, an arm, a jaw.
 
-    One that entries name may have `verbs`, {name in entries: path of the method from it}, of
+    One that entries name may have `_verbs`, {name in entries: path of the method from it}, of
     methods that its parts have.
     """
 
@@ -227,14 +227,20 @@ def apply_command(world: object, entry: Entry) -> None:
         TrocarError: as the verb raises
     """
     target: Any = _commanded(cast(Any, world), entry.source)
-    verbs: Mapping[str, str] = getattr(target, "verbs", {})
+    verbs: Mapping[str, str] = getattr(target, "_verbs", {})
     *parts, verb = verbs.get(entry.name, entry.name).split(".")
     for part in parts:
-        target = None if part.startswith("_") else getattr(target, part, None)
-    method = None if target is None else getattr(target, verb, None)
+        target = None if part.startswith("_") else _member(target, part)
+    method = _member(target, verb)
     if not getattr(method, "is_command", False):
         raise InputError(f"{entry.source}: got the command {entry.name!r}, which it does not have")
     cast(Any, method)(**entry.values)
+
+
+def _member(owner: object, name: str) -> Any:
+    """Return an attribute, None where there is none; names that moved are not looked for."""
+    known = name in getattr(owner, "__dict__", ()) or hasattr(type(owner), name)
+    return getattr(owner, name) if known else None
 
 
 def _commanded(world: Any, source: str) -> Any:

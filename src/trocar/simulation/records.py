@@ -32,6 +32,11 @@ class Pose(NamedTuple):
     frame_id: str
     time: float
 
+    @property
+    def matrix(self) -> Array:
+        """T, (4, 4)."""
+        return self.T
+
 
 class Twist(NamedTuple):
     """A velocity: of a point and of rotation, (3,) each, in axes of `frame_id` [m/s, rad/s]."""

@@ -53,7 +53,9 @@ class SetpointPlayer:
         arms: Mapping[str, Arm],
     ) -> None:
         self._model, self._data = model, data
-        self._motors = {name: arm.motors for name, arm in arms.items() if not arm.motors.welded}
+        self._motors = {
+            name: arm.runtime.motors for name, arm in arms.items() if not arm.runtime.motors.welded
+        }
         self._servos = servos
         self._fastest = {name: fastest(motors.arm) for name, motors in self._motors.items()}
 

@@ -313,7 +313,7 @@ class Tip:
         return T if frame == WORLD_FRAME else inverse(self.frame_pose(frame)) @ T
 
     def _in_own_frame(self, T: Array, frame: str) -> Array:
-        """Return a pose (4, 4), in a named frame or that of public poses, in the reference frame."""
+        """Return a pose (4, 4), in a named or the public frame, in the arm's reference frame."""
         frames = self._clock.frames
         if frame:
             return inverse(frames.reference_pose(self._name)) @ self.frame_pose(frame) @ T

@@ -79,6 +79,8 @@ class ForceControl:
     Attributes:
         controllers: those that are active, by name; their efforts are added up
         effort: commanded efforts, to which those of controllers are added, (n,) [N m or N]
+        orientation: that the gimbal of a master holds, (3, 3) in the frame of `measured_cp`; None
+            without a lock
         expiry: end of an effort or velocity set-point, None where it has none
     """
 
@@ -94,7 +96,7 @@ class ForceControl:
         self._tip, self._clock, self._fault, self._report = tip, clock, fault, report
         self.controllers: dict[str, Controller] = {}
         self.expiry: Expiry | None = None
-        self._orientation: Array | None = None
+        self.orientation: Array | None = None
         self._absolute = False
 
     def fit(self, control: JointControl) -> None:
@@ -173,7 +175,7 @@ class ForceControl:
     @property
     def orientation_locked(self) -> bool:
         """Whether the gimbal holds an orientation, or will under the next force command."""
-        return self._orientation is not None
+        return self.orientation is not None
 
     @command
     def lock_orientation(self, R: ArrayLike | None = None) -> bool:
@@ -199,7 +201,7 @@ class ForceControl:
         except TrocarError as problem:
             self._control.rejections.reject(verb, "", str(problem))
             return False
-        self._orientation = orientation.copy()
+        self.orientation = orientation.copy()
         if "wrench" in self.controllers:
             self._begin_lock()
         self._control.report("orientation_locked", locked=True)
@@ -228,10 +230,9 @@ class ForceControl:
 
     def end(self) -> None:
         """End controllers, time-outs and the lock of the gimbal."""
-        if self.controllers or self.expiry is not None or self._orientation is not None:
-            self.expiry = None
-            self.controllers.clear()
-            self._forget_lock()
+        self.expiry = None
+        self.controllers.clear()
+        self._forget_lock()
 
     def accept(self, accepted: bool) -> bool:
         """End controllers after an effort command that was accepted; return whether it was."""
@@ -278,7 +279,7 @@ class ForceControl:
         """Return copies of everything that is kept here."""
         return ForceState(
             copy.deepcopy(self.controllers),
-            None if self._orientation is None else self._orientation.copy(),
+            None if self.orientation is None else self.orientation.copy(),
             self._absolute,
             self.effort.copy(),
             self.expiry,
@@ -287,7 +288,7 @@ class ForceControl:
     def load(self, saved: ForceState) -> None:
         """Restore everything that `save` returned."""
         self.controllers = copy.deepcopy(saved.controllers)
-        self._orientation = None if saved.orientation is None else saved.orientation.copy()
+        self.orientation = None if saved.orientation is None else saved.orientation.copy()
         self._absolute, self.effort = saved.absolute, saved.effort.copy()
         self.expiry = saved.expiry
 
@@ -319,11 +320,11 @@ class ForceControl:
         if not (isinstance(controller, CartesianForce) and controller.frame == "spatial"):
             platform = self._arm.joints[PLATFORM]
             self.controllers["platform"] = PlatformEffort(platform.lower, platform.upper)
-        if self._orientation is not None and "lock" not in self.controllers:
+        if self.orientation is not None and "lock" not in self.controllers:
             self._begin_lock()
 
     def _begin_lock(self) -> None:
-        if self._orientation is None:
+        if self.orientation is None:
             return
         if "lock" not in self.controllers:
             self._control.to_position(list(range(GIMBAL.start, GIMBAL.stop)), self._own)
@@ -335,15 +336,15 @@ class ForceControl:
         )
         self.controllers["lock"] = orientation_lock(
             fit_chain(self._arm.mechanism, GIMBAL_ARM),
-            self._tip.base_frame()[0][:3, :3].T @ self._orientation,
+            self._tip.base_frame()[0][:3, :3].T @ self.orientation,
             self._control.motors.positions()[self._own],
             limits,
             self._clock.time,
         )
 
     def _forget_lock(self) -> None:
-        if self._orientation is not None:
-            self._orientation = None
+        if self.orientation is not None:
+            self.orientation = None
             self._control.report("orientation_locked", locked=False)
 
 

@@ -51,8 +51,10 @@ def least_wrench(jacobian: Array, effort: Array) -> Array:
             back = np.linalg.inv(A)
         except np.linalg.LinAlgError:
             back = np.full_like(A, np.inf)
-        sizes = [np.square(M).sum(axis=(-2, -1)) for M in (A, back)]
-        if (sizes[0] * sizes[1] < RCOND**-2).all():
+        if A.ndim == 2:  # one arm's, in few calls
+            if np.vdot(A, A) * np.vdot(back, back) < RCOND**-2:
+                return back.dot(effort)
+        elif (np.square(A).sum((-2, -1)) * np.square(back).sum((-2, -1)) < RCOND**-2).all():
             return (back @ effort[..., None])[..., 0]
     return (np.linalg.pinv(A, rcond=RCOND) @ effort[..., None])[..., 0]
 

@@ -115,7 +115,9 @@ class ArmRuntime:
     def ended(self, accepted: bool) -> bool:
         """End controllers after a position command that was accepted; return whether it was."""
         if accepted:
-            self.forces.end()
+            forces = self.forces
+            if forces.controllers or forces.orientation is not None or forces.expiry is not None:
+                forces.end()
             self.states.report()
         return accepted
 

@@ -67,7 +67,7 @@ def test_a_position_is_set_where_no_loop_holds_the_joint(gazebo: Served) -> None
     assert gazebo.core.receive("dvrk/psm1/tool_roll_joint/SetPosition", value(0.7))
     gazebo.run(0.05)
     assert joint(gazebo, "tool_roll_joint") == pytest.approx(0.7, abs=1e-3)
-    assert gazebo.world.arm("PSM1").mode("roll") == "set"
+    assert gazebo.world.arm("PSM1").joints.mode("roll") == "set"
 
 
 def test_a_position_inside_a_loop_is_refused(gazebo: Served) -> None:
@@ -85,11 +85,11 @@ def test_an_effort_acts_for_one_tick(gazebo: Served) -> None:
         assert arm.setpoint_js().effort[0] == 0.5
     pushed = float(arm.measured_js().velocity[0])
     gazebo.run(0.002)
-    assert arm.setpoint_js().effort[0] == 0.0 and arm.mode("yaw") == "effort"
+    assert arm.setpoint_js().effort[0] == 0.0 and arm.joints.mode("yaw") == "effort"
     assert pushed > 0.01
     assert gazebo.core.receive("dvrk/psm1/yaw_joint/SetPositionTarget", value(0.0))
     gazebo.run(0.01)
-    assert arm.mode("yaw") == "position"
+    assert arm.joints.mode("yaw") == "position"
 
 
 def test_both_fingers_follow_a_gripper_joint(gazebo: Served) -> None:

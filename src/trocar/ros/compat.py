@@ -176,8 +176,8 @@ def _joint_command(
 
     def act(world: World) -> None:
         moved = world.arm(arm)
-        if moved.mode(joint) != mode:
-            moved.set_mode(mode, [joint])
+        if moved.joints.mode(joint) != mode:
+            moved.joints.set_mode(mode, [joint])
         setpoint = moved.setpoint_js()
         goal = np.array(setpoint.effort if mode == "effort" else setpoint.position)
         goal[setpoint.name.index(joint)] = value
@@ -192,7 +192,7 @@ def _joint_effort(arm: str, joint: str, effort: float, post: Post) -> Command:
     exert, release = (_joint_command(arm, joint, value, "effort") for value in (effort, 0.0))
 
     def end(world: World) -> None:
-        if world.arm(arm).mode(joint) == "effort":  # not taken back by a position meanwhile
+        if world.arm(arm).joints.mode(joint) == "effort":  # not taken back by a position meanwhile
             release.apply(world)
 
     def act(world: World) -> None:

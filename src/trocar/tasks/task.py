@@ -129,11 +129,11 @@ class Task:
         high: list[float] = []
         for name in self.arms:
             begin, arm = len(high), self.world.arms[name]
-            if arm.type == "PSM":
+            if arm.description.type == "PSM":
                 joints = arm.description.joints[:-1]
                 most, tolerances = ([getattr(joint, key) for joint in joints] for key in BOUNDS)
                 self._bounds[name] = np.array(most), np.array(tolerances)
-                high += [SPEED_M_S] * 3 + [SPIN_RAD_S] * 3 + [float(arm.upper[-1])]
+                high += [SPEED_M_S] * 3 + [SPIN_RAD_S] * 3 + [float(arm.joints.upper[-1])]
                 low += [-SPEED_M_S] * 3 + [-SPIN_RAD_S] * 3 + [-GRIP_RAD]
             else:
                 most = [(1.0 - ROUNDING) * joint.velocity_max for joint in arm.description.joints]
@@ -162,7 +162,7 @@ class Task:
         world, scene = self.world, self.scene
         world.reset(seed)
         rng = np.random.default_rng(seed)
-        self._joints = {name: world.arms[name].setpoints() for name in self.arms}
+        self._joints = {name: world.arms[name].joints.setpoints() for name in self.arms}
         for name, T in scene.placed(rng).items():
             self._check_reach(name, T[:3, 3])
             world.objects[name].set_cp(T)
@@ -180,10 +180,10 @@ class Task:
         """Begin to count, from where everything is."""
         world = self.world
         self._targets: dict[str, Array] = {}
-        self._joints = {name: world.arms[name].setpoints() for name in self.arms}
+        self._joints = {name: world.arms[name].joints.setpoints() for name in self.arms}
         for name in self.arms:
-            if world.arms[name].type == "PSM":
-                self._targets[name] = world.arms[name].tip_in_world().T
+            if world.arms[name].description.type == "PSM":
+                self._targets[name] = world.arms[name].measured_cp("world").T
         self.drops, self.done, self.reason = 0, False, ""
         self.success, self.time = False, 0.0
         self._since: float | None = None
@@ -196,7 +196,7 @@ class Task:
         self.stalled = dict.fromkeys(self.arms, 0.0)
         self._reasons: dict[str, str] = {}
         self.remarks: list[str] = []
-        self._tips = {name: world.arms[name].tip_in_world().T[:3, 3] for name in self.arms}
+        self._tips = {name: world.arms[name].measured_cp("world").T[:3, 3] for name in self.arms}
         self.look()
         self._reward = 0.0
 
@@ -211,9 +211,9 @@ class Task:
         found: dict[str, Array] = {}
         for name in self.arms:
             arm = self.world.arms[name]
-            q = arm.positions()
-            if arm.type == "PSM":
-                T = arm.tip_in_world().T
+            q = arm.joints.positions()
+            if arm.description.type == "PSM":
+                T = arm.measured_cp("world").T
                 found[name] = np.concatenate([T[:3, 3], quaternion_from_matrix(T[:3, :3]), q[-1:]])
             else:
                 found[name] = q
@@ -419,7 +419,7 @@ class Task:
         """Return whether a goal is met, as of the last `look`."""
         at = self.place(goal, at)
         if goal.arm and not goal.held:
-            off = self.world.arms[goal.arm].tip_in_world().T[:3, 3] - at
+            off = self.world.arms[goal.arm].measured_cp("world").T[:3, 3] - at
             if goal.object:
                 off -= self.position(goal.object)
         else:
@@ -440,7 +440,7 @@ class Task:
         self.time, self._states = world.time, world.object_states()
         self._touch()
         for name in self.arms:
-            tip = world.arms[name].tip_in_world().T[:3, 3]
+            tip = world.arms[name].measured_cp("world").T[:3, 3]
             self.distance[name] += math.dist(tip.tolist(), self._tips[name].tolist())
             self._tips[name] = tip
         earlier = sum(goal.stage < self.stage for goal, _ in self.goals)
@@ -494,9 +494,9 @@ class Task:
     def _next(self, name: str, before: Array, values: Array) -> Array:
         """Return an arm's set-points after a period, those before where it cannot go on."""
         arm = self.world.arms[name]
-        if arm.type != "PSM":
-            return np.clip(before + values * PERIOD_S, arm.lower, arm.upper)
-        after, measured, reason = before.copy(), arm.positions(), ""
+        if arm.description.type != "PSM":
+            return np.clip(before + values * PERIOD_S, arm.joints.lower, arm.joints.upper)
+        after, measured, reason = before.copy(), arm.joints.positions(), ""
         if values[:6].any():
             reason = self._onward(name, after, measured, values[:6])
             self.stalled[name] += PERIOD_S if reason else 0.0
@@ -548,14 +548,14 @@ class Task:
         """Return the joint positions nearest to others, with the tip at a pose in the world."""
         own = self._own.get(name)
         own = inverse(self.world.reference_pose(name)) if own is None else own
-        return self.world.arms[name].local_inverse_kinematics(own @ T, near[:-1])
+        return self.world.arms[name].local.inverse_kinematics(own @ T, near[:-1])
 
     def _check_reach(self, name: str, at: Array) -> None:
         """Reject a place that no driven instrument reaches, pointing straight down."""
         instruments = [
             arm
             for arm in ((name,) if name in self.arms else self.arms)
-            if self.world.arms[arm].type == "PSM"
+            if self.world.arms[arm].description.type == "PSM"
         ]
         down = np.diag([1.0, -1.0, -1.0])
         for arm in instruments:

@@ -155,12 +155,15 @@ def test_a_call_that_cannot_be_answered_says_why_and_the_next_one_is(
 def test_the_model_and_the_gains_are_parameters_of_the_node(serving: Serving, wire: Wire) -> None:
     with serving() as (core, _):
         (node, _) = wire.nodes
-        yaw = core.loop.world.arm("PSM1").gains("yaw")
+        yaw = core.loop.world.arm("PSM1").joints.gains("yaw")
         assert node.parameters["PSM1.yaw_controller.p"] == yaw[0]
         warnings = wire.listen("/PSM1/warning")
         good, bad = (Parameter("PSM1.yaw_controller.p", value=value) for value in (77.0, "much"))
         assert [r.successful for r in node.set_parameters([good, bad])] == [True, False]
-        until(lambda: core.loop.world.arm("PSM1").gains("yaw")[0] == 77.0, "the gain is not set")
+        until(
+            lambda: core.loop.world.arm("PSM1").joints.gains("yaw")[0] == 77.0,
+            "the gain is not set",
+        )
         until(lambda: warnings, "nobody was told")
         assert "yaw_controller/p: got 'much'" in cdr_decode("std_msgs/String", warnings[0])["data"]
         until(lambda: "robot_description" in node.parameters, "no model")

@@ -56,7 +56,7 @@ KEY = "/PSM1/yaw_controller"
 def test_they_are_written_down_and_deleted_at_the_end(served: Any) -> None:
     server = Server()
     gains, cache = started(served, server)
-    p, i, d = served.world.arm("PSM1").gains("yaw")
+    p, i, d = served.world.arm("PSM1").joints.gains("yaw")
     assert server.kept[KEY] == cache.kept[KEY] == {"p": p, "i": i, "d": d}
     assert "<robot" in server.kept["/robot_description"]
     gains.forget()
@@ -67,8 +67,8 @@ def test_those_that_are_there_already_are_taken_over(served: Any) -> None:
     server = Server(__PSM1__yaw_controller={"p": 70.0, "d": 5})
     gains, _ = started(served, server)
     served.run()
-    _, i, _ = served.world.arm("PSM1").gains("pitch")
-    assert served.world.arm("PSM1").gains("yaw") == (70.0, i, 5.0)
+    _, i, _ = served.world.arm("PSM1").joints.gains("pitch")
+    assert served.world.arm("PSM1").joints.gains("yaw") == (70.0, i, 5.0)
     assert server.kept[KEY] == {"p": 70.0, "i": i, "d": 5.0}
     gains.forget()
     assert KEY not in server.kept
@@ -79,16 +79,16 @@ def test_one_that_is_set_is_obeyed(served: Any, key: str, value: object) -> None
     _, cache = started(served, Server())
     cache.notifier(key, value)
     served.run()
-    assert served.world.arm("PSM1").gains("yaw")[0] == 33.0
+    assert served.world.arm("PSM1").joints.gains("yaw")[0] == 33.0
 
 
 @pytest.mark.parametrize("value", ["abc", -1.0, float("nan"), float("inf"), True, [1.0], {}, None])
 def test_what_is_no_gain_is_refused_on_the_arms_topic(served: Any, value: object) -> None:
     _, cache = started(served, Server())
-    before = served.world.arm("PSM1").gains("yaw")
+    before = served.world.arm("PSM1").joints.gains("yaw")
     cache.notifier(f"{KEY}/d", value)
     served.run(0.02)
-    assert served.world.arm("PSM1").gains("yaw") == before
+    assert served.world.arm("PSM1").joints.gains("yaw") == before
     assert "yaw_controller/d" in served.transport.last("PSM1/warning")["data"]
 
 
@@ -96,7 +96,7 @@ def test_what_is_no_gain_is_refused_on_the_arms_topic(served: Any, value: object
 def test_other_parameters_are_nothing_to_it(served: Any, key: str) -> None:
     _, cache = started(served, Server())
     cache.notifier(key, 1.0)
-    assert served.world.arm("PSM1").gains("yaw")[0] != 1.0
+    assert served.world.arm("PSM1").joints.gains("yaw")[0] != 1.0
 
 
 OLD = "/dvrk/psm1/yaw_joint_controller"
@@ -111,11 +111,11 @@ def test_parameters_of_dvrk_env_are_obeyed_where_its_topics_are_served() -> None
     gains, cache = started(served, server)
     served.run(3.0)
     arm = served.world.arm("PSM1")
-    assert arm.gains("yaw") == (800.0, 0.1, 10.0)
+    assert arm.joints.gains("yaw") == (800.0, 0.1, 10.0)
     np.testing.assert_allclose(arm.setpoint_js().position, [0, 0, 0.15, 0, 0, 0], atol=1e-9)
     cache.notifier(f"{OLD}/p", 700.0)
     served.run()
-    assert arm.gains("yaw")[0] == 700.0
+    assert arm.joints.gains("yaw")[0] == 700.0
     gains.forget()
     assert server.kept[OLD] == loaded, "what the user has set stays"
 
@@ -125,4 +125,4 @@ def test_parameters_of_dvrk_env_are_nothing_to_it_without(served: Any) -> None:
     server.kept[OLD] = {"p": 800.0}
     started(served, server)
     served.run()
-    assert served.world.arm("PSM1").gains("yaw")[0] != 800.0
+    assert served.world.arm("PSM1").joints.gains("yaw")[0] != 800.0

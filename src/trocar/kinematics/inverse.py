@@ -61,16 +61,17 @@ def newton(q: Array, step: Callable[[float], Array | None], most: int) -> None:
             longest that a joint moved in the step before [rad or m], infinity at first
         most: number of calls of `step`
     """
-    longest = np.inf
+    longest: float = np.inf
     for _ in range(most):
-        change = step(longest)
+        change: Array | None = step(longest)
         if change is None:
             return
         if q.ndim == 1:  # in plain numbers, for it is called at every set-point
-            longest = max(map(abs, change.tolist()))
+            moved: list[float] = change.tolist()
+            longest = max(map(abs, moved))
             q += change if longest <= LONGEST_STEP else change * (LONGEST_STEP / longest)
         else:
-            each = np.abs(change).max(axis=-1, keepdims=True)
+            each: Array = np.abs(change).max(axis=-1, keepdims=True)
             longest = float(each.max())
             q += change * np.minimum(1.0, LONGEST_STEP / np.maximum(each, 1e-300))
 
@@ -181,7 +182,7 @@ def nearest_start(mechanism: Mechanism, structure: str, T: Array, seed: Array) -
 
 @dataclass(frozen=True, eq=False)
 class _Ends:
-    """What stands before and behind a chain, inverted, and the limits of its joints.
+    """Inverses of the poses before and behind a chain, and the limits of its joints.
 
     `wider` are the limits within which Newton's method may start.
     """
@@ -212,7 +213,7 @@ def _range(mechanism: Mechanism, count: int) -> JointRange:
 
 
 def _slack(fit: Fit, joints: JointRange) -> Array:
-    """Give how far beyond the limits Newton's method may start, (n,) [rad or m]."""
+    """Return the slack beyond the limits in which Newton's method may start, (n,) [rad or m]."""
     most = np.where(joints.slides, SLACK_M, SLACK_RAD)
     return np.minimum(SLACK_FACTOR * fit.deviation, most)
 
@@ -237,14 +238,14 @@ def _pointed_at_centre(T: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """Which mechanism is to take which pose (4, 4), and which joints (n,) may move for it."""
+    """A mechanism, the pose (4, 4) that it is to take, and the joints (n,) that may move."""
 
     mechanism: Mechanism
     T: Array
     moving: NDArray[np.bool_]
 
     def whole(self, q: Array) -> Array:
-        """Give all joints of the mechanism, those beyond the structure's at 0, (k, n_joints)."""
+        """Compute all joints of the mechanism, those beyond the structure's at 0, (k, n_joints)."""
         full = np.zeros((len(q), len(self.mechanism.joints)))
         full[:, : q.shape[-1]] = q
         return full

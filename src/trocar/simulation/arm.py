@@ -295,7 +295,7 @@ class Arm:
     # ------------------------------------------------------------------ states
 
     def enable(self) -> bool:
-        """Give the motors power, from DISABLED or FAULT; the arm holds its position."""
+        """Switch the motors on, from DISABLED or FAULT; the arm holds its position."""
         return self.runtime.states.enable()
 
     def disable(self) -> bool:

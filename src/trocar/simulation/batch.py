@@ -46,7 +46,7 @@ LIMIT_FIELD = "actuator_forcerange"
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """Where n worlds are after a step; J joints in the order of `Batch.names`.
+    """Readings of n worlds after a step; J joints in the order of `Batch.names`.
 
     Attributes:
         time: (n,) [s]
@@ -270,7 +270,7 @@ class Batch:
         return self.read(rejected)
 
     def read(self, rejected: Mapping[str, NDArray[np.bool_]] | None = None) -> Readings:
-        """Return where all worlds are now."""
+        """Return the readings of all worlds now."""
         numbers = self._numbers()
         for errors, row in zip(self._errors, numbers, strict=False):
             nq, nv = self._model.nq, self._model.nv
@@ -283,7 +283,7 @@ class Batch:
     # ------------------------------------------------------------------ what may differ
 
     def set_gains(self, p: ArrayLike, i: ArrayLike, d: ArrayLike) -> None:
-        """Give worlds gains of their own, (n, J) each or anything that broadcasts to it."""
+        """Set gains of each world, (n, J) each or anything that broadcasts to it."""
         shape = (self.n, len(self.names))
         try:
             gains = np.stack([np.broadcast_to(np.asarray(g, float), shape) for g in (p, i, d)], -1)
@@ -352,11 +352,11 @@ class Batch:
 
     @property
     def _on(self) -> NDArray[np.bool_]:
-        """Which joints their servos drive, (J,)."""
+        """Mask of the joints that their servos drive, (J,)."""
         return (self._servos["modes"] == POSITION) & (self._servos["locked"] == 0)
 
     def _numbers(self) -> Array:
-        """Return what READ is multiplied with in every world, a copy, (n, size)."""
+        """Return the factor of READ in every world, a copy, (n, size)."""
         state = self._rows.state
         behind = 1 + self._model.nq + self._model.nv + self._model.na  # the time is first
         return np.concatenate([state[:, 1:behind], self._ctrl], axis=1)

@@ -165,7 +165,7 @@ class Rejections:
 
 @dataclass(frozen=True, eq=False)
 class ControlState:
-    """What `JointControl.save` returns; profiles are never written after they are made.
+    """State of a `JointControl`; profiles are never written after they are made.
 
     The names of its fields are in pickled states and in recordings.
     """
@@ -481,7 +481,7 @@ class JointControl:
         self.report("goal_reached", reached=motion.goal_reached)
 
     def _here(self) -> Array:
-        """Return where the joints are, inside their limits, (n,)."""
+        """Return the measured positions, clipped to the limits, (n,)."""
         return np.clip(self.motors.positions(), self.lower, self.upper)
 
     def _rest_here(self, which: Sequence[int], part: slice) -> None:
@@ -573,7 +573,7 @@ State = Literal["DISABLED", "ENABLED", "PAUSED", "FAULT"]
 
 @dataclass(frozen=True)
 class OperatingState:
-    """What an arm is up to at a time [s].
+    """CRTK's operating state of an arm at a time [s].
 
     Attributes:
         state: DISABLED (no power), ENABLED, PAUSED (holds, takes no commands) or FAULT
@@ -620,7 +620,7 @@ class States:
         return self.homed and self.state == "ENABLED"
 
     def why_not_ready(self) -> str:
-        """Return why motion commands are rejected, "" when they are not."""
+        """Return the reason to reject motion commands, "" without one."""
         if self.state == "PAUSED":
             return "the arm is PAUSED; resume it first"
         if self.state != "ENABLED":
@@ -628,7 +628,7 @@ class States:
         return "" if self.homed else "the arm is not homed; home it first"
 
     def why_not(self, command: str) -> str:
-        """Return why a state command is rejected, "" when it is not."""
+        """Return the reason to reject a state command, "" without one."""
         required: dict[str, tuple[State, ...]] = {
             "pause": ("ENABLED",),
             "resume": ("PAUSED",),
@@ -655,7 +655,7 @@ class Homing:
         self._arrived = np.inf
 
     def look(self, measured: Array, time: float) -> Literal["", "home", "stopped", "late"]:
-        """Return how it ended, "" while it has not. `measured` is (n,) [rad or m]."""
+        """Return the outcome, "" while under way. `measured` is (n,) [rad or m]."""
         if not self.way.done:
             return ""
         if not self.way.goal_reached:
@@ -666,5 +666,5 @@ class Homing:
         return "late" if time - self._arrived > PATIENCE_S else ""
 
     def far(self, measured: Array) -> NDArray[np.bool_]:
-        """Return which joints are not home, (n,)."""
+        """Return a mask of the joints that are not home, (n,)."""
         return np.abs(measured - self.way.goal) > self._near

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -140,7 +140,7 @@ class ForceControl:
     def servo_ci(self, impedance: CartesianImpedance) -> bool:
         """Be a spring and damper about a pose, until the next command."""
         try:
-            if not isinstance(impedance, CartesianImpedance):
+            if not isinstance(cast(object, impedance), CartesianImpedance):
                 raise InputError(f"got {impedance!r}; allowed: a CartesianImpedance")
             impedance.check(LARGEST)
         except InputError as problem:
@@ -358,7 +358,8 @@ class TipForces:
     """
 
     def __init__(self, forces: ForceControl, tip: Tip, frame: WrenchFrame) -> None:
-        self._forces, self._tip, self._frame = forces, tip, frame
+        self._forces, self._tip = forces, tip
+        self._frame: WrenchFrame = frame
 
     def servo_cf(self, wrench: ArrayLike, timeout_s: float | None = None) -> bool:
         """Exert a wrench (force; torque), (6,) [N, N m], until the next command or the time-out.

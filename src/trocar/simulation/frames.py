@@ -197,7 +197,7 @@ class Frames:
         return (T if before is None else before @ T), frame
 
     def depth(self, name: str) -> float:
-        """Return how far past the remote centre an instrument's first wrist joint is [m]."""
+        """Return the distance of an instrument's wrist past the remote centre [m]."""
         posed, bodies = self._pose(), self._table.arms[name].bodies
         shaft = posed.xmat[bodies["roll"]][2::3]
         return float(shaft @ (posed.xpos[bodies["wrist_pitch"]] - self._reference[name].at))
@@ -218,9 +218,8 @@ class Frames:
         if origin is reference:
             return T if before is None else inverse(before).dot(T)
         self._pose()
-        if before is not None:
-            T = inverse(before).dot(T)
-        return origin.seen_from(reference).dot(T)
+        seen = T if before is None else inverse(before).dot(T)
+        return origin.seen_from(reference).dot(seen)
 
     def reference_pose(self, name: str) -> Array:
         """Return the pose of an arm's reference frame in the world, (4, 4)."""
@@ -305,9 +304,9 @@ class Frames:
                 return None
             J = self._slope(tip.body, tip.at, rates)[:, : len(q)]
             try:
-                if len(q) == 6:
-                    return np.linalg.solve(J, miss)
-                return np.linalg.solve(J.T.dot(J), miss.dot(J))
+                square = J if len(q) == 6 else J.T.dot(J)
+                change: Array = np.linalg.solve(square, miss if len(q) == 6 else miss.dot(J))
+                return change
             except np.linalg.LinAlgError:
                 return None
 
@@ -315,7 +314,7 @@ class Frames:
         return found if near else None
 
     def _slope(self, body: int, point: Array, rates: Array) -> Array:
-        """Return how a point of a body moves with the joints that hinges follow, (6, n)."""
+        """Return the Jacobian of a point of a body in the joints that hinges follow, (6, n)."""
         mujoco.mj_comPos(self._model, self._posed)
         mujoco.mj_jac(self._model, self._posed, self._linear, self._angular, point, body)
         return self._jacobian.dot(rates)
@@ -362,7 +361,7 @@ class Frames:
         return (T if before is None else before @ T), frame
 
     def view(self, name: str, reference_arm: str) -> tuple[int, Array, str]:
-        """Return where the public poses of an arm are seen from: a site, its pose, the frame.
+        """Return the origin of an arm's public poses: a site, its pose, the frame.
 
         Returns:
             id of the site, its pose in the frame (4, 4), name of the frame
@@ -399,7 +398,7 @@ class Frames:
 
 
 class Linkage:
-    """How the hinges of one arm follow its joints, where at most one joint folds its loops.
+    """Hinges of one arm as functions of its joints, where at most one joint folds its loops.
 
     Args:
         arm: the arm
@@ -441,7 +440,7 @@ class Linkage:
             shown[self.qpos] += found[0]
 
     def at(self, q: Array) -> tuple[Array, Array]:
-        """Return where the hinges are at joint positions (n,), and d (every hinge) / d q.
+        """Return the hinges at joint positions (n,), and d (every hinge) / d q.
 
         Returns:
             (h,) [rad or m], (nv, n)

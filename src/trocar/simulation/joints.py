@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -172,7 +172,10 @@ class ArmJoints:
         for column, value in enumerate((p, i, d)):
             if value is None:
                 continue
-            if not isinstance(value, (int, float, np.number)) or not 0.0 <= value <= LARGEST:
+            if (
+                not isinstance(cast(object, value), (int, float, np.number))
+                or not 0.0 <= value <= LARGEST
+            ):
                 raise InputError(
                     f"{self._source}: {joint}: got gain {value!r}; allowed: 0 to {LARGEST:g}"
                 )
@@ -244,7 +247,10 @@ class ArmJoints:
         moves = self._arm.control.moves
         if of not in SHARES:
             raise InputError(f"{self._source}: got ratio of {of!r}; allowed: {', '.join(SHARES)}")
-        if not isinstance(ratio, (int, float, np.number)) or not RATIO_MIN <= ratio <= 1.0:
+        if (
+            not isinstance(cast(object, ratio), (int, float, np.number))
+            or not RATIO_MIN <= ratio <= 1.0
+        ):
             raise InputError(f"{self._source}: got ratio {ratio!r}; allowed: {RATIO_MIN:g} to 1")
         if of != "acceleration":
             moves.velocity_ratio = float(ratio)

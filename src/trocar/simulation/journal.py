@@ -160,7 +160,7 @@ class Past:
 
 
 def _numbers(value: object) -> int:
-    """Return how many numbers are kept for a value."""
+    """Return the count of numbers that are kept for a value."""
     if isinstance(value, PLAIN):
         return 1
     if isinstance(value, np.ndarray):
@@ -244,7 +244,7 @@ def _member(owner: object, name: str) -> Any:
 
 
 def _commanded(world: Any, source: str) -> Any:
-    """Return who a command is for: the world, tissue, an object or an arm."""
+    """Return the receiver of a command: the world, tissue, an object or an arm."""
     if source == WORLD:
         return world
     if source in world.tissues:

@@ -121,7 +121,7 @@ class Motors:
 
     def mode(self, joint: int) -> Mode:
         """Return a joint's control mode by name."""
-        return MODES[self.modes[joint]]
+        return MODES[int(self.modes[joint])]
 
     # ------------------------------------------------------------------ write
 

@@ -1,4 +1,4 @@
-"""What the arms of a sampled world read out: each figure computed once, away from the physics."""
+"""Readings of the arms of a sampled world: each computed once, away from the physics."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def least_wrench(jacobian: Array, effort: Array) -> Array:
 
 
 class PoseViews(NamedTuple):
-    """Where the public poses of arms are seen from, arm by arm.
+    """Origins of the public poses of arms, arm by arm.
 
     Attributes:
         origins: rows of the origins among the sites of `Reader.measured`, (A,) of 2 A
@@ -120,7 +120,7 @@ class Reader:
         self._tipped = self._posed
 
     def read(self, sample: WorldSample) -> Readout:
-        """Return what a sample reads out; nothing is computed before it is read."""
+        """Return the readings of a sample; nothing is computed before it is read."""
         return Readout(self, sample)
 
     def measured(self, sample: WorldSample) -> Array:
@@ -134,7 +134,7 @@ class Reader:
         return self._poses(self._frames.posed(q, self._posed))
 
     def views(self, sample: WorldSample) -> PoseViews:
-        """Return where public poses are seen from."""
+        """Return the origins of public poses."""
         if self._registration is not sample.registration:
             self._registration = sample.registration
             self._frames.register(sample.registration)
@@ -202,7 +202,7 @@ class Readout:
         return found
 
     def let_go(self) -> None:
-        """Forget the arms, which hold this: what holds nobody goes without a search for garbage."""
+        """Break the reference cycle with the arms; the object is freed at once."""
         self._arms.clear()
 
     @cached_property
@@ -296,7 +296,7 @@ class Readout:
 
     @cached_property
     def wrenches(self) -> Array:
-        """What the motors exert at the tips: body, then spatial, of the moving arms, (2, M, 6)."""
+        """Wrenches of the motors at the tips: body, then spatial, of the moving arms, (2, M, 6)."""
         arms, reader = self.sample.arms, self.reader
         effort = np.zeros((len(reader.moving), reader.columns))
         for row, name in enumerate(reader.moving):
@@ -349,7 +349,7 @@ class ArmReadout:
         return self.tip(setpoint=False, local=False)
 
     def tip(self, *, setpoint: bool, local: bool) -> Array:
-        """Return where the tip is, (4, 4).
+        """Return the pose of the tip, (4, 4).
 
         Args:
             setpoint: at the set-points, else measured
@@ -383,7 +383,7 @@ class ArmReadout:
         return turned(R, self._jacobians[0] @ self.sample.qd)
 
     def wrench(self, frame: WrenchFrame) -> Array:
-        """Return what the motors exert beside carrying the links: (force; torque), (6,)."""
+        """Return the motors' wrench, what carries the links not counted: (force; torque), (6,)."""
         row = self._rig.reader.moving.get(self.name)
         if row is not None:
             return self._rig.wrenches[int(frame == "spatial"), row]

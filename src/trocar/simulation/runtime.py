@@ -74,8 +74,8 @@ class ArmRuntime:
             self.name,
             self.tip,
             clock,
-            lambda reason: self.states.fault(reason),
-            lambda: self.states.report(),
+            self._fault,
+            self._report,
         )
         self.states = ArmStates(self.name, self.forces, clock)
         #: The one jaw that is ever handed out; `jaw` is None while a tool has none.
@@ -100,6 +100,12 @@ class ArmRuntime:
         self.gripper = (
             Gripper(self.name, self.control, self.journal, now) if arm.has_gripper else None
         )
+
+    def _fault(self, reason: str) -> None:
+        self.states.fault(reason)
+
+    def _report(self) -> None:
+        self.states.report()
 
     # ------------------------------------------------------------------ commands
 
@@ -254,7 +260,7 @@ class ArmRuntime:
         )
 
     def status(self) -> ArmStatus:
-        """Return what changes with commands and events only; the same object until then."""
+        """Return the part that only commands and events change; the same object until then."""
         revision = self.journal.revision
         if self._status is None or self._status_revision != revision:
             motors, moves, states = self.motors, self.control.moves, self.control.states

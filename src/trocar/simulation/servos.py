@@ -164,12 +164,12 @@ class Servos:
 
     @property
     def driven(self) -> Bools:
-        """Which joints a motor or a person's fingers act on, (J,); brakes let none."""
+        """Mask of the joints that a motor or fingers act on, (J,); none under a brake."""
         return (self.table.fingers | self.powered) & ~self.locked
 
     @property
     def servoed(self) -> Bools:
-        """Which joints their servos drive, (J,)."""
+        """Mask of the joints that their servos drive, (J,)."""
         return (self.modes == POSITION) & self.driven
 
     @property
@@ -199,7 +199,7 @@ class Servos:
         return self._found(self._state)
 
     def state(self, out: Array | None = None) -> Array:
-        """Return what READ is multiplied with, in `out` or a buffer that is used again."""
+        """Return the factor of READ, in `out` or a buffer that the next call overwrites."""
         found = self._state if out is None else out
         mujoco.mj_getState(self._model, self._data, found, READ_STATE)
         if self.errors is not None:
@@ -228,7 +228,7 @@ class Servos:
         return found
 
     def beyond(self) -> Array | None:
-        """Return how far joints are from their set-points that are farther than allowed.
+        """Return the tracking errors beyond what joints are allowed.
 
         0 for all others, (J,) [rad or m]; None if no joint is.
         """

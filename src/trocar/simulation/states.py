@@ -66,7 +66,7 @@ class ArmStates:
 
     @command
     def enable(self) -> bool:
-        """Give the motors power, from DISABLED or FAULT; the arm holds its position."""
+        """Switch the motors on, from DISABLED or FAULT; the arm holds its position."""
         motors = self._control.motors
         if not self._states.powered:
             self._states.state = "ENABLED"

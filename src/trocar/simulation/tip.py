@@ -95,8 +95,8 @@ class Tip:
         """Return the pose at the set-points, otherwise as `measured`."""
         frames, time = self._clock.frames, self._clock.time
         if frame:
-            T = frames.reference_pose(self._name) @ self.local_setpoint().T
-            return Pose(self._seen(T, frame), frame, time)
+            there = frames.reference_pose(self._name) @ self.local_setpoint().T
+            return Pose(self._seen(there, frame), frame, time)
         if self.placed is not None or not frames.follows(self._name):
             base, named = self.base_frame()
             return Pose(base @ self.local_setpoint().T, named, time)

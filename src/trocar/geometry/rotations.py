@@ -84,7 +84,7 @@ def matrix_from_rpy(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> Array:
 
 
 def rpy_from_matrix(R: ArrayLike) -> Array:
-    """Compute the angles about the fixed axes x, y, z that make a rotation; undoes `matrix_from_rpy`.
+    """Compute angles about the fixed axes x, y, z that make a rotation; undoes `matrix_from_rpy`.
 
     Args:
         R: (..., 3, 3), a rotation (not checked, see `check_rotation`)

@@ -120,7 +120,7 @@ def test_the_arm_keeps_its_place_and_its_new_wrist_is_straight() -> None:
     np.testing.assert_array_equal(setpoint[:4], setpoint_before[:4])
     assert motion.done and not motion.goal_reached
     assert world.arm("PSM1") is arm and arm.jaw is jaw
-    assert arm.description.tool == MARYLAND == world.rig.arm("PSM1").arm.description.tool
+    assert arm.description.tool == MARYLAND == world.rig.arm("PSM1").arm.tool
     np.testing.assert_allclose(arm.joints.upper[3:6], [4.4506, 1.2217, np.pi / 2])
     tip = arm.local.measured_cp().T
     assert tip[:3, 3] == pytest.approx(arm.forward_kinematics(q[:6]).T[:3, 3])

@@ -17,7 +17,7 @@ from trocar.simulation.motors import Motors
 from trocar.simulation.moves import Motion
 from trocar.simulation.records import ArmSample, ArmSnapshot, ArmStatus
 from trocar.simulation.servos import EFFORT
-from trocar.simulation.states import ArmStates, HomingState
+from trocar.simulation.states import ArmStateMachine, HomingState
 from trocar.simulation.tip import Tip
 
 Array = NDArray[np.float64]
@@ -77,7 +77,7 @@ class ArmRuntime:
             self._fault,
             self._report,
         )
-        self.states = ArmStates(self.name, self.forces, clock)
+        self.states = ArmStateMachine(self.name, self.forces, clock)
         #: The one jaw that is ever handed out; `jaw` is None while a tool has none.
         self._jaw = Jaw(self.name, self.journal, self.states.report)
         self._fit(rig_arm, motors, None)

@@ -20,7 +20,7 @@ STATE_COMMANDS = ("enable", "disable", "home", "unhome", "pause", "resume")
 HomingState = tuple[Array, Array, bool, bool]
 
 
-class ArmStates:
+class ArmStateMachine:
     """The verbs of an arm's operating state, and what ends its motion.
 
     Args:

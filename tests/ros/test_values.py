@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -58,12 +59,12 @@ def check_poses(arm, before: str, served: Served) -> None:
         close(pose_of(message), expected.T)
         assert message["header"]["frame_id"] == expected.frame_id
         local = served.last(f"{before}/local/{key}")
-        close(pose_of(local), getattr(arm, f"local_{key}")().T)
+        close(pose_of(local), getattr(arm.local, key)().T)
 
 
 def check_motion_and_force(arm, before: str, served: Served) -> None:
     for key in ("measured_cv", "local/measured_cv"):
-        twist, expected = served.last(f"{before}/{key}"), getattr(arm, key.replace("/", "_"))()
+        twist, expected = served.last(f"{before}/{key}"), attrgetter(key.replace("/", "."))(arm)()
         close(vector(twist["twist"]["linear"]), expected.linear)
         close(vector(twist["twist"]["angular"]), expected.angular)
     for frame in ("body", "spatial"):

@@ -34,7 +34,7 @@ from trocar.ros.topic import (
     latched,
     state,
 )
-from trocar.simulation.journal import WORLD
+from trocar.simulation.journal import WORLD, verb_of
 
 if TYPE_CHECKING:
     from trocar.simulation import World
@@ -153,7 +153,7 @@ class Bedside:
             elif locked:
                 arm.brakes.release(locked)
                 self._loose[name] = locked, state.time
-        getattr(arm, verb)(**values)
+        verb_of(arm, name, verb)(**values)
 
     def begin(self, loop: Loop) -> Callable[[], None]:
         """Publish which arms have adapters, and watch ticks; call the result to stop."""

@@ -65,7 +65,7 @@ class Readings:
 
     @cached_property
     def local_tips(self) -> dict[str, Array]:
-        """{arm: pose of the tip in its own reference frame, (n, 4, 4)}, as `local_measured_cp`."""
+        """{arm: pose of the tip in its own reference frame, (n, 4, 4)}, as `Arm.local`."""
         return self.batch.local_tips(self.q)
 
     @cached_property

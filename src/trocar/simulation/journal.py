@@ -226,15 +226,29 @@ def apply_command(world: object, entry: Entry) -> None:
         InputError: it is none that a world or an arm has
         TrocarError: as the verb raises
     """
-    target: Any = _commanded(cast(Any, world), entry.source)
-    verbs: Mapping[str, str] = getattr(target, "_verbs", {})
-    *parts, verb = verbs.get(entry.name, entry.name).split(".")
+    verb_of(_commanded(cast(Any, world), entry.source), entry.source, entry.name)(**entry.values)
+
+
+def verb_of(owner: object, source: str, name: str) -> Callable[..., Any]:
+    """Find the method that a verb calls, which a part of its owner may have.
+
+    Args:
+        owner: something `Commanded`
+        source: its name
+        name: of the verb, as entries have it
+
+    Raises:
+        InputError: no such verb
+    """
+    verbs: Mapping[str, str] = getattr(owner, "_verbs", {})
+    *parts, verb = verbs.get(name, name).split(".")
+    target: Any = owner
     for part in parts:
         target = None if part.startswith("_") else _member(target, part)
     method = _member(target, verb)
     if not getattr(method, "is_command", False):
-        raise InputError(f"{entry.source}: got the command {entry.name!r}, which it does not have")
-    cast(Any, method)(**entry.values)
+        raise InputError(f"{source}: got the command {name!r}, which it does not have")
+    return cast(Callable[..., Any], method)
 
 
 def _member(owner: object, name: str) -> Any:

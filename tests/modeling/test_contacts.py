@@ -44,7 +44,7 @@ def test_nothing_touches_along_the_test_trajectory(rig):
     sine = paper_sine(world.rig, 10.0, 0.05)
     for row in range(len(next(iter(sine.positions.values())))):
         for name in sine.positions:
-            world.arm(name).motors.place(
+            world.arm(name).runtime.motors.place(
                 sine.positions[name][row], np.zeros_like(sine.positions[name][row])
             )
         assert not touching(world), row

@@ -347,7 +347,7 @@ class Spiral:
 def test_a_state_with_a_controller_of_another_package_cannot_be_repeated_which_is_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("trocar.simulation.arm.load_registered", lambda *_: Spiral)
+    monkeypatch.setattr("trocar.simulation.forces.load_registered", lambda *_: Spiral)
     world, file = World("psm"), tmp_path / "run.mcap"
     world.arm("PSM1").forces.use_controller("spiral")
     world.step(5)

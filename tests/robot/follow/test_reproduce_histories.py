@@ -7,6 +7,7 @@ import itertools
 import pickle
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -155,15 +156,15 @@ class History:
 
     def servo(self) -> None:
         """Drive an arm by velocities, small turns, forces or springs."""
-        arm, verb = self.arm, self.pick(["servo_jv", "servo_jr", "servo_cf", "servo_ci"])
+        arm, verb = self.arm, self.pick(["servo_jv", "servo_jr", "forces.servo_cf", "servo_ci"])
         if verb == "servo_ci":
             gains = HalfPlaneGains(p=np.full(3, -50.0), d=np.full(3, -5.0))
             arm.forces.servo_ci(
                 CartesianImpedance(arm.measured_cp().T[:3, 3], position_positive=gains)
             )
         else:
-            size = 6 if verb == "servo_cf" else arm.description.own_joints
-            getattr(arm, verb)(self.rng.uniform(-0.03, 0.03, size))
+            size = 6 if verb == "forces.servo_cf" else arm.description.own_joints
+            attrgetter(verb)(arm)(self.rng.uniform(-0.03, 0.03, size))
 
     def jaw(self) -> None:
         """Open or close a jaw."""

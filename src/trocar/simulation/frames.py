@@ -305,8 +305,8 @@ class Frames:
             J = self._slope(tip.body, tip.at, rates)[:, : len(q)]
             try:
                 square = J if len(q) == 6 else J.T.dot(J)
-                change: Array = np.linalg.solve(square, miss if len(q) == 6 else miss.dot(J))
-                return change
+                change = np.linalg.solve(square, miss if len(q) == 6 else miss.dot(J))
+                return np.asarray(change, dtype=np.float64)
             except np.linalg.LinAlgError:
                 return None
 

@@ -183,7 +183,8 @@ class ArmStateMachine:
         control.moves.end(part)
         control.motors.velocity[part] = 0.0
         control.motors.follow()
-        control.exert(np.zeros(part.stop - part.start), part, "hold")
+        count: int = part.stop - part.start
+        control.exert(np.zeros(count), part, "hold")
         self.report()
 
     def abandon_homing(self) -> None:

@@ -222,15 +222,15 @@ def _followed(world: World, start: int, motion: Sequence[Array]) -> Array:
     world.reset()
     arm, every = world.arm("PSM1"), round(0.005 / world.timestep)
     jaw = cast(Jaw, arm.jaw)
-    q, apart = np.clip(q, arm.lower, arm.upper), np.zeros((WINDOW, len(OPEN)))
-    arm.set_mode("set")
+    q, apart = np.clip(q, arm.joints.lower, arm.joints.upper), np.zeros((WINDOW, len(OPEN)))
+    arm.joints.set_mode("set")
     for k in range(start - AHEAD, start + 1):
         world.step(every)
         arm.servo_jp(q[k, :6])
         jaw.servo_jp(q[k, 6:])
     loaded = world.save().parts["drives"]
-    arm.set_mode("effort", OPEN)
-    arm.set_mode("position", [name for name in arm.joint_names if name not in OPEN])
+    arm.joints.set_mode("effort", OPEN)
+    arm.joints.set_mode("position", [name for name in arm.joints.names if name not in OPEN])
     world.set_state("PSM1", q[start], qd[start])
     now = world.save()
     world.load(replace(now, parts={**now.parts, "drives": loaded}))
@@ -239,7 +239,7 @@ def _followed(world: World, start: int, motion: Sequence[Array]) -> Array:
         jaw.servo_jp(q[start + k, 6:])
         arm.servo_jf(effort[start + k, :6])
         world.step(every)
-        apart[k] = (arm.positions() - q[start + k + 1])[: len(OPEN)]
+        apart[k] = (arm.joints.positions() - q[start + k + 1])[: len(OPEN)]
     return np.sqrt(np.mean(apart**2, axis=0))
 
 
@@ -267,11 +267,11 @@ def _drift() -> list[Figure]:
     world = World("psm")
     arm = world.arm("PSM1")
     arm.move_jp([0.3, 0.2, 0.14, 0.3, 0.3, 0.2]).wait()
-    places = [arm.positions()]
+    places = [arm.joints.positions()]
     arm.free()
     for seconds in (SETTLE_S, WATCH_S):
         world.step(round(seconds / world.timestep))
-        places.append(arm.positions())
+        places.append(arm.joints.positions())
     back, moved = np.abs(np.diff(places, axis=0)).max(axis=1).tolist()
     title = "drives: a free PSM with gravity compensation"
     return [

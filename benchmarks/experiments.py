@@ -155,5 +155,5 @@ def held(
     """Track needles in jaws with `seeds` seeds from `first` on."""
     from benchmarks import needle_tracking
 
-    chosen = list(filter(lambda style: style in styles, needle_tracking.STYLES))
+    chosen = {style: None for style in needle_tracking.STYLES if not {style}.isdisjoint(styles)}
     return needle_tracking.held(range(first, first + seeds), chosen, presets, watch)

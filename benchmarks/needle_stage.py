@@ -105,19 +105,19 @@ class Stage:
     def reset(self) -> None:
         """Put the tools where the rig has them."""
         self.world.reset(0)
-        self._q = self.world.arms["PSM1"].positions()
+        self._q = self.world.arms["PSM1"].joints.positions()
 
     def set_tip(self, T: Array) -> None:
         """Put the tip of PSM1 to a pose in the world, (4, 4)."""
         arm = self.world.arms["PSM1"]
         local = inverse(self.world.reference_pose("PSM1")) @ T
-        self._q[:-1] = arm.local_inverse_kinematics(local, self._q[:-1])
+        self._q[:-1] = arm.local.inverse_kinematics(local, self._q[:-1])
         self._q[-1] = JAW_RAD
         self.world.set_state("PSM1", self._q)
 
     def tip(self, arm: str = "PSM1") -> Array:
         """Return the pose of a tool's tip in the world, (4, 4)."""
-        return self.world.arms[arm].tip_in_world().T
+        return self.world.arms[arm].measured_cp("world").T
 
     def shot(
         self,

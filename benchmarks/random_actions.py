@@ -89,7 +89,9 @@ def _episode(task: Task, seed: int, duration_s: float, worst: Extremes) -> None:
             if left == 0:
                 for name in task.arms:
                     arm = world.arms[name]
-                    effort = arm.effort_limit * rng.choice([-1.0, 1.0], len(arm.effort_limit))
+                    effort = arm.joints.effort_limit * rng.choice(
+                        [-1.0, 1.0], len(arm.joints.effort_limit)
+                    )
                     own = len(effort) - (arm.jaw is not None)
                     arm.servo_jf(effort[:own])
                     if arm.jaw is not None:

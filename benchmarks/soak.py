@@ -107,7 +107,7 @@ def soak(
     arm = resting_arm(world)
     begin_trajectory(world, paper_sine(world.rig, TICK_S, TICK_S))
     energy = RestEnergy(world, arm)
-    rejected = sum(arm.warnings for arm in world.arms.values())
+    rejected = sum(arm.rejections.count for arm in world.arms.values())
     windows: list[Window] = []
     try:
         for edges in window_edges(duration_s):
@@ -127,7 +127,7 @@ def soak(
     except KeyboardInterrupt:
         if not windows:
             raise
-    rejected = sum(arm.warnings for arm in world.arms.values()) - rejected
+    rejected = sum(arm.rejections.count for arm in world.arms.values()) - rejected
     warnings = sum(world.engine_warnings().values())
     found = [
         *compared(windows, arm),
@@ -242,7 +242,7 @@ class RestEnergy:
         self._arm = arm
         if arm:
             self._model, self._data = world.mj_model, world.mj_data
-            index = world.arm(arm).motors.index
+            index = world.arm(arm).runtime.motors.index
             self._dof, self._bodies = index.dof, list(index.bodies.values())
             self._velocity, self._momentum = np.zeros((2, world.mj_model.nv))
             world.observe(self._sample, periods_per_tick(world))

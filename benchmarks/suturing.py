@@ -246,7 +246,7 @@ def _random_motion(task: Suturing, seed: int) -> Row:
     world.reset(seed)
     turn = rotation_z(rng.uniform(-0.5, 0.5)) @ np.diag([1.0, -1.0, -1.0])
     at = tissue.pose[:3, 3] + [0.0, 0.5 * size.width, 0.02]
-    start, first = arm.setpoints()[:-1], reach.all(transform(turn, at))[0]
+    start, first = arm.joints.setpoints()[:-1], reach.all(transform(turn, at))[0]
     for k in range(100):
         arm.servo_jp(start + (k + 1) / 100 * (first - start))
         world.step(5)
@@ -258,7 +258,7 @@ def _random_motion(task: Suturing, seed: int) -> Row:
             for _ in range(round(float(np.linalg.norm(goal - at)) / (RANDOM_M_S * 0.005))):
                 way = goal - at
                 at = at + way * min(1.0, RANDOM_M_S * 0.005 / float(np.linalg.norm(way)))
-                q = reach.near(transform(turn, at), arm.setpoints()[:-1])
+                q = reach.near(transform(turn, at), arm.joints.setpoints()[:-1])
                 if q is not None and arm.jaw is not None:
                     arm.servo_jp(q)
                     arm.jaw.servo_jp([jaw])

@@ -76,7 +76,7 @@ def one_robot(world: World, scope: Endoscope, seed: int) -> list[tuple[Array, Ar
     rng = np.random.default_rng(seed)
     world.reset(0)
     arm = world.arms["PSM1"]
-    q, start = arm.positions(), arm.tip_in_world().T
+    q, start = arm.joints.positions(), arm.measured_cp("world").T
     camera = world.camera("endoscope").T_world_camera
     error: Array | None = None
     rows: list[tuple[Array, Array, Array, Array]] = []
@@ -84,14 +84,14 @@ def one_robot(world: World, scope: Endoscope, seed: int) -> list[tuple[Array, Ar
         turn = matrix_from_rotation_vector(RANGE_RAD * rng.uniform(-1.0, 1.0, 3))
         goal = transform(turn @ start[:3, :3], start[:3, 3] + RANGE_M * rng.uniform(-1.0, 1.0, 3))
         local = inverse(world.reference_pose("PSM1")) @ goal
-        q[:-1] = arm.local_inverse_kinematics(local, q[:-1])
+        q[:-1] = arm.local.inverse_kinematics(local, q[:-1])
         q[-1] = rng.uniform(0.0, 0.6)
         world.set_state("PSM1", q)
         frame = scope.capture()
         eyes, right = frame.calibration, frame.right
         assert isinstance(eyes, StereoCalibration) and right is not None  # noqa: S101
         to_left = inverse(frame.T_world_camera[0])
-        truth = (to_left @ arm.tip_in_world().T @ [0.0, 0.0, AHEAD_M, 1.0])[:3]
+        truth = (to_left @ arm.measured_cp("world").T @ [0.0, 0.0, AHEAD_M, 1.0])[:3]
         if error is None:  # constant, as that of a hand-eye calibration
             error = small_error(rng, truth, SHIFT_M, TURN_DEG)
         believed = error @ np.append(truth, 1.0)

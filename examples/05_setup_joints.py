@@ -31,14 +31,14 @@ def main() -> None:
     print(f"  arrived: {setup.move_jp(goal).wait(timeout_s=5.0)}")
 
     print("with the slide's brake released:")
-    setup.release_brakes(["suj_1"])
+    setup.brakes.release(["suj_1"])
     print(
         "  brakes: "
         + ", ".join(f"{joint} {'locked' if on else 'free'}" for joint, on in setup.brakes.items())
     )
     print(f"  arrived: {setup.move_jp(goal).wait(timeout_s=10.0)} at {world.time:.2f} s")
     world.step(3000)  # its friction makes it creep the last tenths of a millimetre
-    setup.lock_brakes()
+    setup.brakes.lock()
     after = look()
 
     x, y, z = np.round(1e3 * (after[0] - before[0]), 2) + 0.0
@@ -47,8 +47,8 @@ def main() -> None:
     apart, frame = np.linalg.norm(after[2] - before[2]), psm.measured_cp().frame_id
     print(f"its tip moved by {1e3 * apart:.1f} mm in the frame of the {frame}")
 
-    exact = setup.potentiometers()
-    noisy = setup.potentiometers(noise=0.002, rng=world.rng)
+    exact = setup.joints.potentiometers()
+    noisy = setup.joints.potentiometers(noise=0.002, rng=world.rng)
     print(f"potentiometer of the slide: {exact[0]:.4f} m, with noise {noisy[0]:.4f} m")
     error = world.health().per_arm["PSM1"].rcm_error_m
     print(f"the shaft passes the remote centre at {1e6 * error:.3f} um")

@@ -23,7 +23,7 @@ SWING = {
 def main() -> None:
     """Run the example."""
     world = World("two_psm_ecm")
-    start = {name: world.arm(name).poses["start"] for name in SWING}
+    start = {name: world.arm(name).joints.poses["start"] for name in SWING}
     positions = {name: start[name] + OUT_AND_BACK * swing for name, swing in SWING.items()}
     velocities = {name: SLOPE * swing for name, swing in SWING.items()}
 
@@ -31,7 +31,7 @@ def main() -> None:
     world.reset()
     played = world.play(positions, velocities, every=5)
     print("RMS of measured - commanded [mrad, mm], and without commanded velocities")
-    for name, joints in ((name, world.arm(name).joint_names) for name in SWING):
+    for name, joints in ((name, world.arm(name).joints.names) for name in SWING):
         good, poor = (
             1e3 * np.sqrt(np.mean((run.positions[name] - positions[name]) ** 2, axis=0))
             for run in (played, without)

@@ -66,12 +66,12 @@ def test_the_tool_of_the_page_is_mounted_and_moves(
     _, _, moved, rig = blocks("design-a-tool.md", "python")
     exec(compile(moved, "design-a-tool.md", "exec"), names)
     world = names["world"]
-    assert world.arm("PSM1").tool == "SPOON_GRASPER:1"  # type: ignore[attr-defined]
+    assert world.arm("PSM1").description.tool == "SPOON_GRASPER:1"  # type: ignore[attr-defined]
     arm = world.arm("PSM1")  # type: ignore[attr-defined]
     world.step(300)  # type: ignore[attr-defined]
     wanted = [0.2, -0.1, 0.15, 0.5, 0.3, -0.3, np.deg2rad(50)]
     # identified friction holds wrist and jaw up to 2.5 mrad short
-    assert np.abs(arm.readings()[0] - wanted).max() < 3e-3
+    assert np.abs(arm.joints.readings()[0] - wanted).max() < 3e-3
     shapes = world.shapes()  # type: ignore[attr-defined]
     seen = [s for s in shapes if s.kind == "mesh" and s.frame.startswith("finger")]
     assert [s.frame for s in seen] == ["finger_left", "finger_right"]
@@ -81,7 +81,7 @@ def test_the_tool_of_the_page_is_mounted_and_moves(
     assert not caplog.records
     exec(compile(rig, "design-a-tool.md", "exec"), names)
     world = names["world"]
-    assert world.arm("PSM2").tool == "SPOON_GRASPER:1"  # type: ignore[attr-defined]
+    assert world.arm("PSM2").description.tool == "SPOON_GRASPER:1"  # type: ignore[attr-defined]
     assert capsys.readouterr().out
 
 

@@ -14,6 +14,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from inspect import signature
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from trocar.descriptions import fitting_tools
 from trocar.descriptions.catalogue import load_scene
 from trocar.errors import TrocarError
 from trocar.simulation import World
-from trocar.simulation.arm import Arm
+from trocar.simulation.arm import VERBS, Arm
 from trocar.simulation.controllers import CartesianImpedance, HalfPlaneGains
 
 #: Rigs with every kind of arm, tool and object; the last three and the scenes are slow.
@@ -95,7 +96,10 @@ def episode(
 
 def outcome(world: World, verb: Callable[..., Any], given: Mapping[str, Any], steps: int) -> str:
     """Call a verb and step; return what went wrong, "" where nothing did."""
-    before = {arm.name: (arm.motors.powered, arm.positions()) for arm in world.arms.values()}
+    before = {
+        arm.name: (arm.runtime.motors.powered, arm.joints.positions())
+        for arm in world.arms.values()
+    }
     try:
         verb(**given)
     except TrocarError:
@@ -114,10 +118,12 @@ def outcome(world: World, verb: Callable[..., Any], given: Mapping[str, Any], st
     overlap = bool((data.contact.dist < OVERLAP).any())
     for arm in world.arms.values():
         powered, was = before[arm.name]
-        if overlap or powered or arm.motors.powered or verb.__name__ in ELSEWHERE:
+        if overlap or powered or arm.runtime.motors.powered or verb.__name__ in ELSEWHERE:
             continue
-        inside = (arm.lower < was) & (was < arm.upper)  # a stop pushes back what was beyond it
-        moved = float(np.abs(arm.positions() - was)[: arm.description.own_joints].max())
+        inside = (arm.joints.lower < was) & (
+            was < arm.joints.upper
+        )  # a stop pushes back what was beyond it
+        moved = float(np.abs(arm.joints.positions() - was)[: arm.description.own_joints].max())
         if inside.all() and not moved < STILL:
             return f"{arm.name} has no power and moved by {moved:g}"
     return ""
@@ -126,11 +132,14 @@ def outcome(world: World, verb: Callable[..., Any], given: Mapping[str, Any], st
 def verbs(world: World) -> list[Verb]:
     """Return (name, owner, method) of every command of a world."""
     owners: list[tuple[str, Any]] = [("world", world)]
+    moved: list[Verb] = []
     for arm in world.arms.values():
         owners.append((arm.name, arm))
+        for verb, path in VERBS.items():
+            moved.append((f"{arm.name}.{verb}", arm, attrgetter(path)(arm)))
         owners += [(f"{arm.name}.{n}", part) for n in PARTS if (part := getattr(arm, n))]
     owners += [*world.objects.items(), *world.tissues.items()]
-    return [
+    return moved + [
         (f"{name}.{verb}", owner, getattr(owner, verb))
         for name, owner in owners
         for verb, method in vars(type(owner)).items()
@@ -283,18 +292,18 @@ def impedance(rng: Rng) -> CartesianImpedance:
 
 def some_joints(rng: Rng, world: World, owner: Any, count: int) -> Any:  # noqa: ARG001
     """Return names of some joints of an arm."""
-    names = [n for n in owner.joint_names if rng.random() < 0.5]
+    names = [n for n in owner.joints.names if rng.random() < 0.5]
     return [*names, "elbow"] if rng.random() < 0.1 else names
 
 
 def any_joint(rng: Rng, world: World, owner: Any, count: int) -> str:  # noqa: ARG001
     """Return the name of a joint of an arm, or of none."""
-    return str(rng.choice([*owner.joint_names, "elbow"]))
+    return str(rng.choice([*owner.joints.names, "elbow"]))
 
 
 def any_pose(rng: Rng, world: World, owner: Any, count: int) -> str:  # noqa: ARG001
     """Return the name of a pose of an arm, or of none."""
-    return str(rng.choice([*owner.poses, "nowhere"]))
+    return str(rng.choice([*owner.joints.poses, "nowhere"]))
 
 
 def any_arm(rng: Rng, world: World, owner: Any, count: int) -> str:  # noqa: ARG001
@@ -312,7 +321,7 @@ def any_tool(rng: Rng, world: World, owner: Any, count: int) -> str:  # noqa: AR
 def table(rng: Rng, world: World, owner: Any, count: int) -> dict[str, Any]:  # noqa: ARG001
     """Return a table of an arm's joints."""
     name = any_arm(rng, world, owner, 0)
-    width = len(world.arms[name].joint_names) if name in world.arms else 3
+    width = len(world.arms[name].joints.names) if name in world.arms else 3
     return {name: [numbers(rng, width) for _ in range(3)]}
 
 
@@ -324,7 +333,7 @@ def chosen(*values: Any) -> Callable[..., Any]:
 def joint_numbers(rng: Rng, world: World, owner: Any, count: int) -> Any:
     """Return a number per joint; of the whole arm for the world's `set_state`."""
     if owner is world:
-        count = len(next(iter(world.arms.values())).joint_names)
+        count = len(next(iter(world.arms.values())).joints.names)
     return numbers(rng, count)
 
 

@@ -240,7 +240,7 @@ class Target(logging.Handler):
 
     def _tick(self) -> str:
         arms = self.world.arms.values()
-        before = {arm.name: (arm.motors.powered, arm.positions()) for arm in arms}
+        before = {arm.name: (arm.runtime.motors.powered, arm.joints.positions()) for arm in arms}
         self.applied.clear()
         self.loop.tick()
         data = self.world.mj_data
@@ -253,10 +253,10 @@ class Target(logging.Handler):
         for arm in arms:
             powered, was = before[arm.name]
             own = arm.description.own_joints
-            if powered or arm.motors.powered or len(was) != len(arm.joint_names):
+            if powered or arm.runtime.motors.powered or len(was) != len(arm.joints.names):
                 continue
-            inside = (arm.lower < was) & (was < arm.upper)
-            moved = float(np.abs(arm.positions() - was)[:own].max())
+            inside = (arm.joints.lower < was) & (was < arm.joints.upper)
+            moved = float(np.abs(arm.joints.positions() - was)[:own].max())
             if inside.all() and not moved < STILL:
                 return f"{arm.name} has no power and moved by {moved:g}"
         return ""

@@ -53,7 +53,7 @@ def main() -> None:
     x, y, z = 1e3 * arm.measured_cp().T[:3, 3]
     print(f"the tip: ({x:.2f}, {y:.2f}, {z:.2f}) mm")
     arm.disable()
-    print(f"switched off: goal reached {arm.move_jp([0.0] * 6).goal_reached}, {arm.last_warning}")
+    print(f"switched off: goal reached {arm.move_jp(GOAL).goal_reached}, {arm.rejections.last}")
 
 
 if __name__ == "__main__":

@@ -14,6 +14,20 @@ class InputError(TrocarError):
     """A file, message or argument that cannot be used; nothing was changed."""
 
 
+class RejectedError(TrocarError):
+    """A command that an arm rejected; nothing moved. Raised where the world's `on_reject` says so.
+
+    Args:
+        arm: its name
+        verb: of the command, "servo_jp", "jaw.move_jp", ...
+        reason: as warnings have it
+    """
+
+    def __init__(self, arm: str, verb: str, reason: str) -> None:
+        self.arm, self.verb, self.reason = arm, verb, reason
+        super().__init__(f"{arm}: {verb}: {reason}")
+
+
 class OvertakenError(InputError):
     """A record of a world as it was before a tool was exchanged; ask for a new one."""
 

@@ -140,10 +140,10 @@ def test_one_psm_of_a_cart_rests_and_the_energy_of_its_motion_is_watched() -> No
     other = next(a.name for a in world.rig.arms if a.name != arm)
     world.step(100)
     at_rest = watched.kinetic()
-    world.arm(other).servo_jp(world.arm(other).positions()[:6] + 0.01)
+    world.arm(other).servo_jp(world.arm(other).joints.positions()[:6] + 0.01)
     world.step(100)
     assert watched.kinetic() <= max(at_rest, 1e-9)  # the others are mounted apart from it
-    world.arm(arm).servo_jp(world.arm(arm).positions()[:6] + 0.01)
+    world.arm(arm).servo_jp(world.arm(arm).joints.positions()[:6] + 0.01)
     world.step(100)
     assert watched.kinetic() > 1e-6
 

@@ -225,7 +225,7 @@ def test_computed_torque_of_an_arm_is_an_option_of_the_command_line() -> None:
     parser = ArgumentParser()
     add_world(parser)
     world = make_world(parser.parse_args(["--rig", "psm", "--computed-torque", "PSM1"]))
-    assert world.arm("PSM1").computed_torque
-    assert not make_world(parser.parse_args(["--rig", "psm"])).arm("PSM1").computed_torque
+    assert world.arm("PSM1").joints.computed_torque
+    assert not make_world(parser.parse_args(["--rig", "psm"])).arm("PSM1").joints.computed_torque
     with pytest.raises(UnknownNameError, match="PSM1"):
         make_world(parser.parse_args(["--rig", "psm", "--computed-torque", "PSM7"]))

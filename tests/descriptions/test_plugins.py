@@ -70,22 +70,22 @@ def test_the_example_package_adds_an_arm_a_tool_a_rig_and_a_prop() -> None:
 def test_an_arm_follows_a_registered_controller() -> None:
     world = World("example_bench")
     arm = world.arm("PSM1")
-    assert arm.use_controller("float", {"damping": 2.0})
+    assert arm.forces.use_controller("float", {"damping": 2.0})
     world.step(20)
     assert arm.operating_state().state == "ENABLED"
     with pytest.raises(
         UnknownNameError, match=r"unknown controller 'flaot' \(did you mean 'float'"
     ):
-        arm.use_controller("flaot")
+        arm.forces.use_controller("flaot")
     with pytest.raises(InputError, match=r"controller float: got \{'stiffness': 1.0\}: TypeError"):
-        arm.use_controller("float", {"stiffness": 1.0})
+        arm.forces.use_controller("float", {"stiffness": 1.0})
 
 
 def test_a_controller_that_raises_puts_its_arm_into_fault(site: Path) -> None:
     (site / "wild.py").write_text("class Wild:\n    def act(self, now):\n        return 1 / 0\n")
     install(site, "wild", {"trocar.controllers": {"wild": "wild:Wild"}})
     world = World("psm")
-    world.arm("PSM1").use_controller("wild")
+    world.arm("PSM1").forces.use_controller("wild")
     world.step(5)
     assert world.arm("PSM1").operating_state().state == "FAULT"
 

@@ -95,7 +95,7 @@ def test_the_error_of_a_distance_through_a_point_is_its_derivative() -> None:
     through = np.array([0.02, -0.01, 0.3])
     numbers = np.array([0.0, 0.0, 0.0, 2e-3, 1e-3, 1.0, 0.1, 0.05, 0.02, -1e-3, 3e-3, 1.0])
 
-    def axes(x: Array, influence: Array) -> list[Axis]:
+    def axes(x: Array, influence: Array) -> tuple[Axis, Axis]:
         found: list[Axis] = []
         for part, own in zip(x.reshape(2, 6), np.split(influence, 2, axis=1), strict=True):
             size = np.linalg.norm(part[3:])
@@ -103,7 +103,7 @@ def test_the_error_of_a_distance_through_a_point_is_its_derivative() -> None:
             flat = own.copy()
             flat[:, 3:] = (own[:, 3:] - np.outer(own[:, 3:] @ d, d)) / size
             found.append(Axis(part[:3], d, flat))
-        return found
+        return found[0], found[1]
 
     influence = 1e-4 * rng.normal(size=(3, 12))
 

@@ -67,16 +67,19 @@ class FakeArm:
     """An arm whose set-points run to their goals at a limited speed."""
 
     def __init__(self, name: str, kind: str, joints: dict[str, tuple[float, float]], rcm) -> None:
-        self.name, self.type = name, kind
-        self.joint_names = tuple(joints)
+        self.name = name
+        self.joints, self.local = self, self  # parts of an Arm, in one
+        self.names = tuple(joints)
         self.lower = np.array([low for low, _ in joints.values()])
         self.upper = np.array([high for _, high in joints.values()])
         n = len(joints)
         kinds = ["prismatic" if joint in LENGTHS else "revolute" for joint in joints]
         self.description = Namespace(
-            mechanism=Namespace(joints=[Namespace(kind=kind) for kind in kinds]), tool_frame=""
+            mechanism=Namespace(joints=[Namespace(kind=kind) for kind in kinds]),
+            tool_frame="",
+            tool="",
+            type=kind,
         )
-        self.tool = ""
         self.effort_limit = np.full(n, 3.316)
         self.has_jaw = "jaw" in joints
         self.jaw = FakeJaw(self) if self.has_jaw else None
@@ -108,10 +111,10 @@ class FakeArm:
     def measured_js(self) -> JointState:
         n = self.q.size - self.has_jaw
         return JointState(
-            self.joint_names[:n], self.q[:n].copy(), np.zeros(n), self.effort[:n].copy(), 0.0
+            self.names[:n], self.q[:n].copy(), np.zeros(n), self.effort[:n].copy(), 0.0
         )
 
-    def local_measured_cp(self) -> Namespace:
+    def measured_cp(self) -> Namespace:
         return Namespace(T=np.eye(4))
 
     def servo_jp(self, q, v=None) -> None:  # noqa: ARG002
@@ -135,7 +138,7 @@ class FakeArm:
         self.goal[:] = self.setpoint
 
     def set_mode(self, mode, joints=None) -> None:
-        for index, joint in enumerate(self.joint_names):
+        for index, joint in enumerate(self.names):
             if joints is None or joint in joints:
                 self.modes[index] = mode
 
@@ -252,14 +255,14 @@ class FakeWorld:
 
     def _arm_snapshot(self, arm: FakeArm) -> ArmSnapshot:
         return ArmSnapshot(
-            joint_names=arm.joint_names,
+            joint_names=arm.names,
             q=arm.q.copy(),
             qd=np.zeros_like(arm.q),
             effort=arm.effort.copy(),
             setpoint=arm.setpoint.copy(),
             modes=tuple(arm.modes),
             busy=bool(np.any(arm.goal != arm.setpoint)),
-            locked=tuple(arm.brakes.get(joint, False) for joint in arm.joint_names),
+            locked=tuple(arm.brakes.get(joint, False) for joint in arm.names),
             remote_centre=arm.remote_centre,
             warnings=arm.warnings,
             last_warning="",

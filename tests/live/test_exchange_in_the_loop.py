@@ -34,12 +34,12 @@ def test_an_exchange_is_applied_between_two_ticks() -> None:
     loop.post(Command("PSM1", "set_tool_type", {"name": "SPOON"}))
     loop.post(Command("PSM1", "jaw.move_jp", {"q": [0.5]}))
     loop.wait()
-    assert world.arm("PSM1").tool == MARYLAND == loop.latest.arms["PSM1"].tool
+    assert world.arm("PSM1").description.tool == MARYLAND == loop.latest.arms["PSM1"].tool
     assert loop.state.refused == 1  # the spoon
     assert loop.latest.build == 2
     assert loop.latest.arms["PSM1"].q[6] == pytest.approx(0.5, abs=0.01)
     assert loop.latest.arms["PSM2"].q[:2] == pytest.approx(
-        world.arm("PSM2").poses["work"][:2], abs=0.02
+        world.arm("PSM2").joints.poses["work"][:2], abs=0.02
     )
 
 
@@ -75,7 +75,7 @@ def test_a_person_chooses_an_instrument(server: LocalServer) -> None:
         choice.show(info.tool)  # it was refused
     assert choice.handle.value == info.tool
     posted[0].apply(world)
-    assert world.arm("PSM1").tool == MARYLAND
+    assert world.arm("PSM1").description.tool == MARYLAND
 
 
 def test_the_page_shows_the_new_instrument_and_its_limits(

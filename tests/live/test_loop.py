@@ -231,7 +231,7 @@ def test_pause_stops_time_but_not_commands():
     loop.tick()
     loop.tick()
     assert world.steps == 5
-    assert world.arms["PSM1"].gains("yaw") == (7.0, 0.0, 5.0)
+    assert world.arms["PSM1"].joints.gains("yaw") == (7.0, 0.0, 5.0)
     loop.post(Command("world", "resume"))
     loop.tick()
     assert world.steps == 10
@@ -263,7 +263,7 @@ def test_each_command_calls_its_method():
     loop.tick()
     arm = world.arms["PSM1"]
     assert arm.modes[0] == "effort" and arm.modes[1] == "position"
-    assert arm.gravity_compensation is False
+    assert arm.joints.gravity_compensation is False
     assert world.arms["SUJ1"].brakes == {"lift": False, "swing": False}
     assert arm.effort[0] == 0.1 and arm.goal[-1] == 0.2
 
@@ -318,7 +318,7 @@ def test_the_loop_runs_in_a_thread_until_it_is_stopped():
 
 def test_a_question_is_answered_between_ticks():
     loop = loop_of(FakeWorld(), speed="max")
-    answer = loop.ask(lambda world: world.arm("PSM1").gains("yaw"))
+    answer = loop.ask(lambda world: world.arm("PSM1").joints.gains("yaw"))
     wrong = loop.ask(lambda world: world.arm("PSM7"))
     assert not answer.done()
     loop.tick()

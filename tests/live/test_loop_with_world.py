@@ -68,7 +68,10 @@ def test_modes_efforts_gains_and_gravity_are_set(loop: Loop) -> None:
         Command("PSM1", "use_gravity_compensation", {"on": False}),
     )
     answer = loop.ask(
-        lambda world: (world.arm("PSM1").gains("pitch")[0], world.arm("PSM1").gravity_compensation)
+        lambda world: (
+            world.arm("PSM1").joints.gains("pitch")[0],
+            world.arm("PSM1").joints.gravity_compensation,
+        )
     )
     loop.tick()
     assert answer.result(0) == (77.0, False)
@@ -160,7 +163,7 @@ def test_every_arms_health_is_looked_at_in_turn():
     loop.start()
     looked: set[str] = set()
     for name, arm in world.arms.items():
-        arm.health = lambda name=name, look=arm.health: (looked.add(name), look())[1]  # pyright: ignore
+        arm.joints.health = lambda name=name, look=arm.joints.health: (looked.add(name), look())[1]  # pyright: ignore
     end = time.monotonic() + 20.0
     while looked != set(world.arms) and time.monotonic() < end:
         _ = loop.state

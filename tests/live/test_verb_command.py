@@ -26,7 +26,7 @@ def test_a_posted_verb_reaches_the_arm_at_the_next_tick():
     loop.post(Command("PSM1", "move_jp", goal))
     loop.post(Command("PSM1", "jaw.open"))
     loop.tick()
-    assert world.arm("PSM1").busy
+    assert world.arm("PSM1").operating_state().is_busy
 
 
 @pytest.mark.parametrize("name", ["fly", "measured_js", "_stop", "jaw.fly"])
@@ -61,5 +61,5 @@ def test_the_page_says_the_state_in_words():
     assert state_line(world.snapshot().arms["PSM1"]) == "DISABLED, not homed"
     world.arm("PSM1").home()
     assert state_line(world.snapshot().arms["PSM1"]) == "ENABLED, not homed, busy"
-    world.arm("PSM1").fault("a test")
+    world.arm("PSM1").runtime.states.fault("a test")
     assert state_line(world.snapshot().arms["PSM1"]) == "FAULT, not homed"

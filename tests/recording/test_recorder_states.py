@@ -57,8 +57,10 @@ class RecorderMachine(RuleBasedStateMachine):
 
     def note(self) -> None:
         """Keep what a row of the recording must be: position and set-point of each joint."""
-        q, *_ = self.arm.readings()
-        self.rows.append((self.arm.joint_names, np.array([q, self.arm.snapshot(None).setpoint])))
+        q, *_ = self.arm.joints.readings()
+        self.rows.append(
+            (self.arm.joints.names, np.array([q, self.arm.runtime.snapshot(None).setpoint]))
+        )
 
     def hear(self, entry: Entry) -> None:
         """Keep what the journal has."""

@@ -36,7 +36,7 @@ STORE = rosbags.get_typestore(rosbags.Stores.ROS2_HUMBLE)
 
 def drive(world: World, seconds: float = 1.0) -> None:
     """Give an arm something to do."""
-    arm = world.arm(next(name for name, arm in world.arms.items() if arm.type == "PSM"))
+    arm = world.arm(next(name for name, arm in world.arms.items() if arm.description.type == "PSM"))
     arm.move_jp([0.3, 0.2, 0.15, 0.4, 0.2, -0.3])
     if arm.jaw is not None:
         arm.jaw.open()
@@ -56,7 +56,7 @@ def decoded(file: Path, topic: str) -> list[Any]:
 def test_standard_tools_read_joint_states_and_poses(tmp_path: Path) -> None:
     world, file = World("full_cart"), tmp_path / "run.mcap"
     expected: dict[str, list[Any]] = {name: [] for name in world.arms}
-    world.arm("PSM2").set_base_frame(translation(np.array([0.1, 0.0, 0.0])), "ECM")
+    world.arm("PSM2").local.set_base_frame(translation(np.array([0.1, 0.0, 0.0])), "ECM")
     with record(world, file):
         for row in range(61):
             if row == 30:
@@ -64,9 +64,11 @@ def test_standard_tools_read_joint_states_and_poses(tmp_path: Path) -> None:
             if row == 1:
                 world.arm("ECM").move_jp([0.1, 0.1, 0.1, 0.2])
                 setup = world.arm("SUJ_PSM1")
-                setup.release_brakes()
+                setup.brakes.release()
                 setup.move_jp(setup.measured_js().position + 0.05)
-                world.arm("PSM3").set_base_frame(translation(np.array([0.1, 0.2, 0.3])), "table")
+                world.arm("PSM3").local.set_base_frame(
+                    translation(np.array([0.1, 0.2, 0.3])), "table"
+                )
                 world.arm("PSM1").move_jp([0.3, 0.2, 0.15, 0.4, 0.2, -0.3])
             if row % 20 == 0:
                 for name, arm in world.arms.items():
@@ -121,7 +123,7 @@ def test_every_period_of_every_joint_is_kept(tmp_path: Path, setup_joints: Any) 
 
     def note() -> None:
         for name, arm in world.arms.items():
-            seen[name].append((*arm.readings(), arm.snapshot(None).setpoint))
+            seen[name].append((*arm.joints.readings(), arm.runtime.snapshot(None).setpoint))
 
     with record(world, file):
         note()
@@ -129,11 +131,11 @@ def test_every_period_of_every_joint_is_kept(tmp_path: Path, setup_joints: Any) 
             if row == 100:
                 psm.move_jp([0.1, -0.2, 0.15, 0.4, 0.2, -0.3])
             if row == 200:
-                psm.set_gains("yaw", p=30.0)
+                psm.joints.set_gains("yaw", p=30.0)
             if row == 250:
                 world.arm("PSM1").disable()
             if row == 403:
-                psm.set_mode("effort", ["roll"])
+                psm.joints.set_mode("effort", ["roll"])
             world.step()
             note()
     recorded = open_recording(file)
@@ -152,7 +154,7 @@ def test_every_period_of_every_joint_is_kept(tmp_path: Path, setup_joints: Any) 
 def test_poses_are_in_the_frames_of_a_loaded_state(tmp_path: Path) -> None:
     world, file = World("psm"), tmp_path / "run.mcap"
     arm = world.arm("PSM1")
-    arm.set_base_frame(translation(np.array([0.1, 0.2, 0.3])), "table")
+    arm.local.set_base_frame(translation(np.array([0.1, 0.2, 0.3])), "table")
     state = world.save()
     world.reset()
     with record(world, file):
@@ -546,7 +548,9 @@ def test_a_recording_has_what_robots_with_errors_report(tmp_path: Path) -> None:
     columns = recorded.columns("PSM1")
     assert columns is not None
     states = recorded.states(columns)
-    np.testing.assert_allclose(states.position[-1], world.arm("PSM1").readings()[0], atol=1e-7)
+    np.testing.assert_allclose(
+        states.position[-1], world.arm("PSM1").joints.readings()[0], atol=1e-7
+    )
     np.testing.assert_allclose(states.setpoint[-1][:6], goal, atol=1e-7)
     assert np.abs(states.position[-1] - world.true_state("PSM1").q).max() > 1e-3
 

@@ -187,9 +187,9 @@ def test_a_motion_moves_what_it_says_and_clips_nothing(motion: str, caplog: Any)
 def test_swings_begin_where_the_arm_stands_and_stay_inside_the_limits() -> None:
     arm = World("psm").arm("PSM1")
     found = swings(arm, np.arange(1, 20_000, dtype=np.float64) * 0.005, 2)
-    assert np.abs(found[0] - arm.snapshot(None).setpoint).max() < 0.02
-    assert (found >= arm.lower).all()
-    assert (found <= arm.upper).all()
-    assert set(SWINGS) == set(arm.joint_names)
+    assert np.abs(found[0] - arm.runtime.snapshot(None).setpoint).max() < 0.02
+    assert (found >= arm.joints.lower).all()
+    assert (found <= arm.joints.upper).all()
+    assert set(SWINGS) == set(arm.joints.names)
     rates = np.abs(np.diff(found, axis=0)) / 0.005
     assert rates.max() < 3.0

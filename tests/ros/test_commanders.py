@@ -98,11 +98,11 @@ def test_an_arm_holds_when_the_client_that_pushes_it_vanishes(topic, message, ca
     arm = served.world.arm("PSM1")
     served.core.receive(f"PSM1/{topic}", message, "/gone")
     served.run(SETPOINT_TIMEOUT_S + 0.01)
-    there = arm.positions()
+    there = arm.joints.positions()
     with caplog.at_level(logging.WARNING, "trocar"):
         served.run(2.0)
-    assert arm.mode("yaw") == "position"
-    np.testing.assert_allclose(arm.positions(), there, atol=0.01)
+    assert arm.joints.mode("yaw") == "position"
+    np.testing.assert_allclose(arm.joints.positions(), there, atol=0.01)
     assert "no set-point for 0.1 s; the arm holds where it is" in warnings(served)[0]
 
 
@@ -111,7 +111,7 @@ def test_a_client_that_publishes_efforts_at_rate_keeps_them():
     for _ in range(30):
         served.core.receive("PSM1/servo_jf", PUSH, "/alice")
         served.run(0.05)
-    assert served.world.arm("PSM1").mode("yaw") == "effort"
+    assert served.world.arm("PSM1").joints.mode("yaw") == "effort"
     assert warnings(served) == []
 
 
@@ -123,7 +123,7 @@ def test_an_arm_without_efforts_stays_free(topic, message):
     served = Served(wanted=())
     served.core.receive(f"PSM1/{topic}", message, "/alice")
     served.run(1.0)
-    assert served.world.arm("PSM1").mode("yaw") == "effort"
+    assert served.world.arm("PSM1").joints.mode("yaw") == "effort"
 
 
 @pytest.mark.parametrize("how", ["by a script", "as on the dVRK"])
@@ -131,7 +131,7 @@ def test_efforts_persist_without_a_time_out(how):
     served = Served(wanted=(), setpoint_timeout_s=0.0 if how == "as on the dVRK" else 0.1)
     served.core.receive("PSM1/servo_jf", PUSH, "" if how == "by a script" else "/alice")
     served.run(1.0)
-    assert served.world.arm("PSM1").mode("yaw") == "effort"
+    assert served.world.arm("PSM1").joints.mode("yaw") == "effort"
 
 
 def test_an_arm_that_pauses_time_keeps_its_effort_until_time_goes_on():
@@ -140,10 +140,10 @@ def test_an_arm_that_pauses_time_keeps_its_effort_until_time_goes_on():
     served.run(0.05)
     served.core.receive("scene/pause", {})
     served.run(1.0)
-    assert served.world.arm("PSM1").mode("yaw") == "effort"
+    assert served.world.arm("PSM1").joints.mode("yaw") == "effort"
     served.core.receive("scene/resume", {})
     served.run(0.1)
-    assert served.world.arm("PSM1").mode("yaw") == "position"
+    assert served.world.arm("PSM1").joints.mode("yaw") == "position"
 
 
 @pytest.mark.parametrize("timeout", [-1.0, float("inf"), float("nan")])

@@ -78,12 +78,12 @@ def test_a_tool_comes_off_and_the_same_one_goes_on_again():
     arm = served.world.arm("PSM1")
     assert served.core.receive("PSM1/set_tool_type", {"data": "PROGRASP_FORCEPS:420093[2]"})
     served.run(0.01)
-    assert arm.tool == "PROGRASP_FORCEPS:420093"
-    assert served.last("PSM1/tool_type")["data"] == arm.tool
+    assert arm.description.tool == "PROGRASP_FORCEPS:420093"
+    assert served.last("PSM1/tool_type")["data"] == arm.description.tool
     for on, tool in ((False, ""), (False, ""), (True, "PROGRASP_FORCEPS:420093")):
         assert served.core.receive("PSM1/emulate_tool_present", {"data": on})
         served.run(0.01)
-        assert arm.tool == tool
+        assert arm.description.tool == tool
         assert served.last("PSM1/IO/tool")["buttons"] == [int(on)]
     assert not served.core.receive("PSM1/set_tool_type", {"data": "SCALPEL"})
 
@@ -94,7 +94,7 @@ def test_without_an_adapter_no_tool_holds():
     served.core.receive("PSM1/emulate_adapter_present", {"data": False})
     served.core.receive("PSM1/emulate_tool_present", {"data": True})
     served.run(0.01)
-    assert arm.tool == ""
+    assert arm.description.tool == ""
     assert "adapter" in served.last("PSM1/warning")["data"]
     assert served.last("PSM1/IO/adapter")["buttons"] == [0]
     assert not served.core.receive("PSM1/jaw/move_jp", joints(0.1))
@@ -102,7 +102,7 @@ def test_without_an_adapter_no_tool_holds():
     served.core.receive("PSM1/emulate_adapter_present", {"data": True})
     served.core.receive("PSM1/emulate_tool_present", {"data": True})
     served.run(0.01)
-    assert arm.tool == "LARGE_NEEDLE_DRIVER:400006"
+    assert arm.description.tool == "LARGE_NEEDLE_DRIVER:400006"
 
 
 def test_a_tool_that_nobody_knows_is_asked_for():
@@ -110,7 +110,7 @@ def test_a_tool_that_nobody_knows_is_asked_for():
     served.core.receive("PSM1/set_tool_type", {"data": "none"})
     served.core.receive("PSM1/emulate_tool_present", {"data": True})
     served.run(0.01)
-    assert served.world.arm("PSM1").tool == ""
+    assert served.world.arm("PSM1").description.tool == ""
     assert len(served.messages("PSM1/tool_type_request")) == 1
 
 
@@ -144,11 +144,11 @@ def test_a_masters_orientation_is_locked_by_a_quaternion():
     assert not served.core.receive("MTML/lock_orientation", quaternion(w=0.5))
     assert served.core.receive("MTML/lock_orientation", quaternion())
     served.run(0.01)
-    assert arm.orientation_locked
+    assert arm.forces.orientation_locked
     assert served.last("MTML/orientation_locked")["data"]
     assert served.core.receive("MTML/unlock_orientation", {})
     served.run(0.01)
-    assert not arm.orientation_locked
+    assert not arm.forces.orientation_locked
 
 
 def test_an_endoscope_is_named():

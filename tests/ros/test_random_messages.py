@@ -67,7 +67,7 @@ def command(made: object) -> object:
 @pytest.mark.parametrize("powered", [False, True])
 def test_nothing_moves_without_power_and_homing(powered):
     served = Served("two_psm_ecm", wanted=(), world={"homed": False})
-    before = {name: arm.readings()[0] for name, arm in served.world.arms.items()}
+    before = {name: arm.joints.readings()[0] for name, arm in served.world.arms.items()}
     barred = {"home"} if powered else {"home", "enable"}
 
     def sent(topic: Topic, made: object) -> bool:
@@ -82,7 +82,7 @@ def test_nothing_moves_without_power_and_homing(powered):
             served.core.receive(f"{name}/state_command", {"string": "enable"})
     assert flood(served, np.random.default_rng(int(powered)), sent) > 0.2 * COUNT
     for name, arm in served.world.arms.items():
-        np.testing.assert_allclose(arm.readings()[0], before[name], atol=2e-3)
+        np.testing.assert_allclose(arm.joints.readings()[0], before[name], atol=2e-3)
         assert not arm.operating_state().is_homed
 
 
@@ -93,7 +93,7 @@ def test_whatever_comes_the_core_goes_on(rig):
     assert 0.2 * COUNT < accepted < 0.9 * COUNT
     assert served.core.refused > 0.2 * COUNT
     for arm in served.world.arms.values():
-        assert np.isfinite(arm.readings()[0]).all()
+        assert np.isfinite(arm.joints.readings()[0]).all()
 
 
 def test_a_flood_between_two_ticks_is_bounded():

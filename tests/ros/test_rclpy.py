@@ -136,7 +136,8 @@ def test_a_node_of_a_real_rclpy_commands_and_reads_an_arm() -> None:
         until(answer.done)
         until(
             lambda: (
-                core.loop.ask(lambda world: world.arm("PSM1").gains("yaw")[0]).result(5.0) == 70.0
+                core.loop.ask(lambda world: world.arm("PSM1").joints.gains("yaw")[0]).result(5.0)
+                == 70.0
             )
         )
         executor.shutdown()

@@ -81,12 +81,12 @@ def test_a_bad_message_moves_nothing_and_is_reported_of_streams_once(
 ):
     served.transport.received.clear()
     served.clock.time += 10.0  # the same reason is told again after a while
-    before, base = setpoints(served), served.world.arm("PSM1").base_frame()[0]
+    before, base = setpoints(served), served.world.arm("PSM1").local.base_frame()[0]
     for _ in range(3):
         assert not served.core.receive(f"PSM1/{topic}", message)
     served.run(0.02)
     np.testing.assert_array_equal(setpoints(served), before)
-    np.testing.assert_array_equal(served.world.arm("PSM1").base_frame()[0], base)
+    np.testing.assert_array_equal(served.world.arm("PSM1").local.base_frame()[0], base)
     warnings = [warning["data"] for warning in served.messages("PSM1/warning")]
     assert len(warnings) == (1 if "servo_" in topic else 3)
     assert all(reason in warning and topic in warning for warning in warnings)

@@ -103,7 +103,7 @@ def test_fixed_frames_stand_where_the_world_has_them(name: str) -> None:
     fixed = fixed_frames(world.rig)
     assert fixed
     for arm in world.arms.values():
-        frame = arm.local_measured_cp().frame_id
+        frame = arm.local.measured_cp().frame_id
         if frame in fixed:
             np.testing.assert_allclose(fixed[frame], world.reference_pose(arm.name), atol=1e-12)
 

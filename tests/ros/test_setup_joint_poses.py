@@ -41,7 +41,7 @@ class Cart:
     ecm: list[dict[str, Any]]
 
     def positions(self, name: str) -> np.ndarray:
-        return self.served.world.arm(name).readings()[0]
+        return self.served.world.arm(name).joints.readings()[0]
 
     def base(self, name: str) -> np.ndarray:
         """The held arm's base on the cart, by the setup joints' file."""
@@ -56,7 +56,7 @@ class Cart:
 
     def move(self, rng: np.random.Generator) -> None:
         for name, arm in self.served.world.arms.items():
-            self.served.world.set_state(name, rng.uniform(arm.lower, arm.upper))
+            self.served.world.set_state(name, rng.uniform(arm.joints.lower, arm.joints.upper))
         self.served.run()
 
     def told(self, topic: str) -> tuple[np.ndarray, str]:

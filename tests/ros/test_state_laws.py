@@ -90,6 +90,6 @@ def test_a_burst_does_the_same_as_the_same_commands_one_after_the_other(names):
             served.run(wait)
         served.run(4.0)
         ends.append(setpoints(served))
-        ratio = served.world.arm("PSM1").trajectory_ratio
+        ratio = served.world.arm("PSM1").joints.trajectory_ratio
         assert ratio == (0.5, 0.5)
     np.testing.assert_allclose(ends[0], ends[1], atol=1e-9)

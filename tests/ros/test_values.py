@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +36,7 @@ def pose_of(message):
 def scatter(served: Served, rng: np.random.Generator) -> None:
     """Put every arm somewhere, at some speed."""
     for name, arm in served.world.arms.items():
-        q = rng.uniform(arm.lower, arm.upper)
+        q = rng.uniform(arm.joints.lower, arm.joints.upper)
         served.world.set_state(name, q, 0.1 * rng.standard_normal(len(q)))
 
 
@@ -58,23 +59,23 @@ def check_poses(arm, before: str, served: Served) -> None:
         close(pose_of(message), expected.T)
         assert message["header"]["frame_id"] == expected.frame_id
         local = served.last(f"{before}/local/{key}")
-        close(pose_of(local), getattr(arm, f"local_{key}")().T)
+        close(pose_of(local), getattr(arm.local, key)().T)
 
 
 def check_motion_and_force(arm, before: str, served: Served) -> None:
     for key in ("measured_cv", "local/measured_cv"):
-        twist, expected = served.last(f"{before}/{key}"), getattr(arm, key.replace("/", "_"))()
+        twist, expected = served.last(f"{before}/{key}"), attrgetter(key.replace("/", "."))(arm)()
         close(vector(twist["twist"]["linear"]), expected.linear)
         close(vector(twist["twist"]["angular"]), expected.angular)
     for frame in ("body", "spatial"):
         wrench = served.last(f"{before}/{frame}/measured_cf")["wrench"]
-        expected = arm.measured_cf(frame)
+        expected = getattr(arm, frame).measured_cf()
         scale = max(1.0, np.abs(expected.force).max(), np.abs(expected.torque).max())
         close(vector(wrench["force"]), expected.force, 1e-8 * scale)
         close(vector(wrench["torque"]), expected.torque, 1e-8 * scale)
         matrix = served.last(f"{before}/{frame}/jacobian")
         shape = [d["size"] for d in matrix["layout"]["dim"]]
-        close(np.reshape(matrix["data"], shape), arm.jacobian(frame))
+        close(np.reshape(matrix["data"], shape), getattr(arm, frame).jacobian())
 
 
 @pytest.mark.parametrize("rig", names("rigs"))
@@ -87,7 +88,7 @@ def test_every_value_is_the_arms_own(rig: str, rng: np.random.Generator) -> None
             before = served.core.prefixes[name]
             check_joints(arm, before, served)
             check_poses(arm, before, served)
-            if arm.type != "SUJ":
+            if arm.description.type != "SUJ":
                 check_motion_and_force(arm, before, served)
 
 
@@ -119,11 +120,11 @@ def test_jaws_and_grippers_have_their_own_topics(rng: np.random.Generator) -> No
 def test_gravity_compensation_tells_its_efforts_and_none_when_it_is_off() -> None:
     served = Served("psm")
     arm = served.world.arm("PSM1")
-    arm.use_gravity_compensation(True)
+    arm.joints.use_gravity_compensation(True)
     served.run(0.1)
     topic = "PSM1/gravity_compensation/setpoint_js"
     assert np.abs(served.last(topic)["effort"]).max() > 0.01
-    arm.use_gravity_compensation(False)
+    arm.joints.use_gravity_compensation(False)
     served.run(0.1)
     assert not np.any(served.last(topic)["effort"])
 
@@ -131,7 +132,7 @@ def test_gravity_compensation_tells_its_efforts_and_none_when_it_is_off() -> Non
 def test_a_base_frame_that_was_set_is_that_of_the_messages() -> None:
     served = Served("psm")
     T = transform(np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), np.array([1.0, 2.0, 3.0]))
-    served.world.arm("PSM1").set_base_frame(T, "table")
+    served.world.arm("PSM1").local.set_base_frame(T, "table")
     served.run(0.05)
     message = served.last("PSM1/measured_cp")
     assert message["header"]["frame_id"] == "table"
@@ -148,7 +149,7 @@ def test_the_base_frame_of_a_rig_is_that_of_messages_and_verbs(tmp_path: Path) -
     message, arm = served.last("PSM1/measured_cp"), served.world.arm("PSM1")
     assert message["header"]["frame_id"] == arm.measured_cp().frame_id == "table"
     close(pose_of(message), T @ pose_of(served.last("PSM1/local/measured_cp")))
-    close(arm.measured_cp().T, T @ arm.local_measured_cp().T)
+    close(arm.measured_cp().T, T @ arm.local.measured_cp().T)
     assert served.last("PSM2/measured_cp")["header"]["frame_id"] == "ECM"
 
 
@@ -172,7 +173,7 @@ def test_the_frames_of_tf_hang_together_in_one_tree(rig: str) -> None:
         assert each["child_frame_id"] not in parents
         parents[each["child_frame_id"]] = each["header"]["frame_id"]
     for name, arm in served.world.arms.items():
-        base = "Cart" if arm.type == "SUJ" else f"{name}_base"
+        base = "Cart" if arm.description.type == "SUJ" else f"{name}_base"
         assert {name, base, arm.measured_cp().frame_id} <= parents.keys()
     for frame in parents:
         while frame in parents:
@@ -193,5 +194,5 @@ def test_poses_along_tf_are_those_in_the_world() -> None:
         while frame != "world":
             frame, step = links[frame]
             T = step @ T
-        expected = served.world.reference_pose(name) @ arm.local_measured_cp().T
+        expected = served.world.reference_pose(name) @ arm.local.measured_cp().T
         close(T, expected, 1e-6)  # of the tick before

@@ -149,7 +149,7 @@ def test_a_masters_orientation_is_a_verb_too():
 
 def test_fingers_hold_a_masters_gripper_and_let_it_go():
     served = Served("mtm", wanted=())
-    wide = float(served.world.arm("MTML").upper[-1])
+    wide = float(served.world.arm("MTML").joints.upper[-1])
     entry = heard(served, "MTML", "gripper/servo_jp", joints(0.3))
     assert (entry.name, entry.values["angle"]) == ("gripper.squeeze_to", 0.3)
     served.run(0.5)

@@ -51,12 +51,12 @@ class ArmMachine(RuleBasedStateMachine):
     @initialize(homed=st.booleans())
     def start(self, homed: bool) -> None:
         self.world, self.arm = WORLD, WORLD.arm("PSM1")
-        if self.arm.tool != TOOLS[0]:
-            self.arm.set_tool_type(TOOLS[0])
+        if self.arm.description.tool != TOOLS[0]:
+            self.arm.runtime.set_tool_type(TOOLS[0])
         self.world.reset()
         if not homed:
             self.arm.disable()
-            self.arm.unhome()
+            self.arm.state_command("unhome")
         self.seen = self.arm.operating_state()
         self.motion: Motion | None = None
         self.ends = np.inf
@@ -97,8 +97,8 @@ class ArmMachine(RuleBasedStateMachine):
     @property
     def shared(self) -> bool:
         """Whether efforts are for joints in mode "effort" alone; asked before the command."""
-        names = self.arm.joint_names[: self.arm.description.own_joints]
-        return any(self.arm.mode(name) == "effort" for name in names)
+        names = self.arm.joints.names[: self.arm.description.own_joints]
+        return any(self.arm.joints.mode(name) == "effort" for name in names)
 
     def position(self, turn: np.ndarray) -> np.ndarray:
         """Return joints near the middle of the workspace."""
@@ -125,7 +125,7 @@ class ArmMachine(RuleBasedStateMachine):
     @rule(turn=turns, timeout=timeouts, frame=st.sampled_from(["body", "spatial"]))
     def servo_cf(self, turn: np.ndarray, timeout: float | None, frame: Any) -> None:
         ends, shared = self.world.time + (timeout or np.inf), self.shared
-        self.commanded(self.arm.servo_cf(turn, frame, timeout), ends, shared)
+        self.commanded(self.arm.forces.servo_cf(turn, frame, timeout), ends, shared)
 
     @rule(turn=turns)
     def servo_ci(self, turn: np.ndarray) -> None:
@@ -133,7 +133,7 @@ class ArmMachine(RuleBasedStateMachine):
         place = self.arm.measured_cp().T[:3, 3] + 0.02 * turn[:3]
         spring = CartesianImpedance(place, position_positive=gains, position_negative=gains)
         shared = self.shared
-        self.commanded(self.arm.servo_ci(spring), shared=shared)
+        self.commanded(self.arm.forces.servo_ci(spring), shared=shared)
 
     @rule(turn=turns, verb=st.sampled_from(["servo_cp", "move_cp"]))
     def tip(self, turn: np.ndarray, verb: str) -> None:
@@ -165,7 +165,7 @@ class ArmMachine(RuleBasedStateMachine):
     def hold(self) -> None:
         self.arm.hold()
         if self.ready:
-            assert not self.arm.busy
+            assert not self.arm.operating_state().is_busy
             self.ends = np.inf
 
     @rule()
@@ -184,37 +184,37 @@ class ArmMachine(RuleBasedStateMachine):
 
     @rule(mode=st.sampled_from(["position", "effort", "set"]), yaw=st.booleans())
     def mode(self, mode: Any, yaw: bool) -> None:
-        changes = self.ready or not self.arm.motors.powered
-        self.arm.set_mode(mode, ["yaw"] if yaw else None)
+        changes = self.ready or not self.arm.runtime.motors.powered
+        self.arm.joints.set_mode(mode, ["yaw"] if yaw else None)
         if changes:
             self.ends = np.inf
-            assert self.arm.mode("yaw") == mode
+            assert self.arm.joints.mode("yaw") == mode
 
     @rule(on=st.booleans())
     def gravity(self, on: bool) -> None:
-        self.arm.use_gravity_compensation(on)
-        assert self.arm.gravity_compensation == on
+        self.arm.joints.use_gravity_compensation(on)
+        assert self.arm.joints.gravity_compensation == on
 
     @rule(ratio=st.floats(0.002, 1.0), of=st.sampled_from(["both", "velocity", "acceleration"]))
     def ratio(self, ratio: float, of: Any) -> None:
-        self.arm.set_trajectory_ratio(ratio, of)
-        assert ratio in self.arm.trajectory_ratio
+        self.arm.joints.set_trajectory_ratio(ratio, of)
+        assert ratio in self.arm.joints.trajectory_ratio
 
     @rule()
     def brakes(self) -> None:
         with pytest.raises(InputError, match="has no brakes"):
-            self.arm.release_brakes()
+            self.arm.brakes.release()
 
     @precondition(lambda self: self.exchanges)
     @rule(tool=st.sampled_from(TOOLS))
     def exchange(self, tool: str) -> None:
-        if tool == (self.arm.tool or "none"):
+        if tool == (self.arm.description.tool or "none"):
             return
         before = self.arm.operating_state()
-        self.arm.set_tool_type(tool)
+        self.arm.runtime.set_tool_type(tool)
         self.ends = np.inf
         now = self.arm.operating_state()
-        assert (self.arm.tool or "none") == tool
+        assert (self.arm.description.tool or "none") == tool
         assert now.state == before.state
         assert now.is_homed == before.is_homed
         assert not now.is_busy
@@ -224,12 +224,16 @@ class ArmMachine(RuleBasedStateMachine):
     @rule(steps=st.integers(1, 200))
     def step(self, steps: int) -> None:
         arm, own = self.arm, self.arm.description.own_joints
-        was, before, setpoint = arm.operating_state(), arm.positions(), arm.setpoint_js().position
-        inside = bool(((arm.lower < before) & (before < arm.upper))[:own].all())
+        was, before, setpoint = (
+            arm.operating_state(),
+            arm.joints.positions(),
+            arm.setpoint_js().position,
+        )
+        inside = bool(((arm.joints.lower < before) & (before < arm.joints.upper))[:own].all())
         self.world.step(steps)
         now = arm.operating_state()
         if was.state not in POWERED and inside:
-            np.testing.assert_allclose(arm.positions()[:own], before[:own], atol=STILL)
+            np.testing.assert_allclose(arm.joints.positions()[:own], before[:own], atol=STILL)
         if not (was.ready or was.is_busy) and now.state == was.state:
             np.testing.assert_array_equal(arm.setpoint_js().position, setpoint)
         assert now.is_homed == was.is_homed or was.is_busy
@@ -237,16 +241,16 @@ class ArmMachine(RuleBasedStateMachine):
             motion, self.motion = self.motion, None
             if motion.goal_reached:
                 goal = motion.goal
-                np.testing.assert_allclose(arm.setpoints()[: len(goal)], goal, atol=1e-12)
+                np.testing.assert_allclose(arm.joints.setpoints()[: len(goal)], goal, atol=1e-12)
 
     @rule(steps=st.integers(1, 100))
     def save_and_load(self, steps: int) -> None:
         state = pickle.dumps(self.world.save())
         self.world.step(steps)
-        expected, then = self.arm.positions(), self.arm.operating_state()
+        expected, then = self.arm.joints.positions(), self.arm.operating_state()
         self.world.load(pickle.loads(state))
         self.world.step(steps)
-        np.testing.assert_array_equal(self.arm.positions(), expected)
+        np.testing.assert_array_equal(self.arm.joints.positions(), expected)
         assert self.arm.operating_state() == then
         self.motion = None  # its handle is of the time before
 
@@ -274,21 +278,25 @@ class ArmMachine(RuleBasedStateMachine):
         now = self.arm.operating_state()
         assert now.state == self.seen.state or (self.seen.state, now.state) in STEPS
         assert not (now.is_busy and now.state != "ENABLED")
-        assert self.arm.motors.powered == (now.state in POWERED)
+        assert self.arm.runtime.motors.powered == (now.state in POWERED)
         self.seen = now
 
     @invariant()
     def set_points_are_inside_the_limits(self) -> None:
-        setpoint = self.arm.setpoints()
-        assert (self.arm.lower <= setpoint).all() and (setpoint <= self.arm.upper).all()
-        efforts = np.abs(self.arm.motors.effort)
-        assert (efforts <= self.arm.effort_limit + 1e-12).all()
+        setpoint = self.arm.joints.setpoints()
+        assert (self.arm.joints.lower <= setpoint).all() and (
+            setpoint <= self.arm.joints.upper
+        ).all()
+        efforts = np.abs(self.arm.runtime.motors.effort)
+        assert (efforts <= self.arm.joints.effort_limit + 1e-12).all()
 
     @invariant()
     def a_set_point_with_a_time_out_ends(self) -> None:
-        if self.world.time > self.ends + 1e-9 and self.arm.motors.powered:
-            assert not self.arm.active or self.arm.busy
-            assert not self.arm.control.switched & set(range(self.arm.description.own_joints))
+        if self.world.time > self.ends + 1e-9 and self.arm.runtime.motors.powered:
+            assert not self.arm.runtime.active or self.arm.operating_state().is_busy
+            assert not self.arm.runtime.control.switched & set(
+                range(self.arm.description.own_joints)
+            )
 
 
 class ExchangingMachine(ArmMachine):

@@ -63,8 +63,8 @@ def test_unusable_commands_are_rejected_and_nothing_moves(verb, caplog):
             else:
                 accepted = getattr(arm, verb)(bad)
             assert not accepted, bad
-            assert arm.warnings == count, bad
-            assert "allowed" in arm.last_warning or "effort" in arm.last_warning
+            assert arm.rejections.count == count, bad
+            assert "allowed" in arm.rejections.last or "effort" in arm.rejections.last
 
     with caplog.at_level(logging.WARNING, "trocar"):
         np.testing.assert_array_equal(qpos_after(command), UNDISTURBED)
@@ -79,7 +79,7 @@ def test_a_flood_of_bad_commands_is_counted_and_logged_once_in_two_seconds(caplo
         for k in range(500):
             arm.servo_jp([np.nan, *(np.array(GOOD[1:]) + 1e-4 * k)])  # never the same text
             world.step(5)
-    assert arm.warnings == 500
+    assert arm.rejections.count == 500
     assert len(caplog.records) == 2  # at 0 and 2 s
     with caplog.at_level(logging.WARNING, "trocar"):
         arm.servo_jp([0.1])  # another reason is said at once
@@ -91,21 +91,23 @@ def test_targets_beyond_a_limit_are_clipped_with_a_warning(caplog):
     arm = world.arm("PSM1")
     with caplog.at_level(logging.WARNING, "trocar"):
         assert arm.servo_jp([9.0, -9.0, 0.1, 0.0, 0.0, 0.0])
-    np.testing.assert_array_equal(arm.setpoint_js().position[:2], [arm.upper[0], arm.lower[1]])
+    np.testing.assert_array_equal(
+        arm.setpoint_js().position[:2], [arm.joints.upper[0], arm.joints.lower[1]]
+    )
     assert caplog.messages == ["PSM1: servo_jp: yaw, pitch clipped to the limit"]
-    assert arm.warnings == 1
+    assert arm.rejections.count == 1
     motion = arm.move_jp([0.0, 0.0, 0.5, 0.0, 0.0, 0.0])
-    assert motion.goal[2] == arm.upper[2] == 0.24
+    assert motion.goal[2] == arm.joints.upper[2] == 0.24
     assert not motion.done
-    assert arm.warnings == 2
+    assert arm.rejections.count == 2
 
 
 def test_efforts_beyond_a_limit_are_clipped_with_a_warning():
     arm = World("psm").arm("PSM1")
-    arm.set_mode("effort", ["yaw"])
+    arm.joints.set_mode("effort", ["yaw"])
     assert arm.servo_jf([50.0, 0, 0, 0, 0, 0])
-    assert arm.setpoint_js().effort[0] == arm.effort_limit[0]
-    assert "clipped" in arm.last_warning
+    assert arm.setpoint_js().effort[0] == arm.joints.effort_limit[0]
+    assert "clipped" in arm.rejections.last
 
 
 def test_commands_are_not_written_to_and_not_kept():

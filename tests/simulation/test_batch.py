@@ -25,7 +25,7 @@ def follow(world: World, q: np.ndarray) -> None:
     """Command a World's arms what a row of a batch follows."""
     for name, arm in world.arms.items():
         rows, own = world.joints.arms[name].rows, arm.description.own_joints
-        if arm.type == "SUJ":
+        if arm.description.type == "SUJ":
             continue
         arm.servo_jp(q[rows][:own])
         if arm.jaw is not None:
@@ -49,7 +49,7 @@ def test_every_world_of_a_batch_moves_as_a_world_does_to_the_last_bit(rig):
     assert np.abs(found.q[0] - found.q[2]).max() > 1e-3
     for name, tips in found.tips.items():
         np.testing.assert_allclose(tips[1], world.arm(name).measured_cp().T, atol=1e-12)
-        local = world.arm(name).local_measured_cp().T
+        local = world.arm(name).local.measured_cp().T
         np.testing.assert_allclose(found.local_tips[name][1], local, atol=1e-12)
 
 
@@ -122,7 +122,7 @@ def test_gains_of_one_world_are_those_of_a_world_with_these_gains():
     p = np.tile(gains[:, 0], (N, 1))
     p[1, 0] *= 0.5
     batch.set_gains(p, gains[:, 1], gains[:, 2])
-    world.arm("PSM1").set_gains("yaw", p=float(p[1, 0]))
+    world.arm("PSM1").joints.set_gains("yaw", p=float(p[1, 0]))
     q = batch.setpoints.copy()
     q[:, 0] += 0.1
     found = batch.step(q, 100)

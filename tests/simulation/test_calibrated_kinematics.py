@@ -64,7 +64,7 @@ def test_servo_cp_brings_the_joints_of_a_skew_arm_to_the_pose(seed, skew_overlay
         setpoint = arm.setpoint_js().position
         assert np.abs(setpoint - q).max() < 1e-8
         metres, radians = pose_difference(
-            kinematics(np.append(setpoint, 0.2)), kinematics(arm.positions())
+            kinematics(np.append(setpoint, 0.2)), kinematics(arm.joints.positions())
         )
         assert metres < 1e-9
         assert radians < 1e-9
@@ -79,7 +79,7 @@ def test_the_inverse_of_a_skew_arm_is_the_solution_nearest_to_the_seed(skew_over
         for turn in (-2.0 * np.pi, 0.0, 2.0 * np.pi):
             seed = q.copy()
             seed[3] += turn
-            expected = seed if arm.lower[3] <= seed[3] <= arm.upper[3] else q
+            expected = seed if arm.joints.lower[3] <= seed[3] <= arm.joints.upper[3] else q
             assert arm.inverse_kinematics(T, seed) == pytest.approx(expected, abs=1e-8)
 
 
@@ -92,23 +92,23 @@ def test_a_skew_arm_reaches_its_limits_and_nothing_beyond(side, skew_overlay):
 
 def reaches_its_limit(arm: Arm, joint: int, side: str) -> None:
     q = np.array([0.1, -0.2, 0.15, 0.3, 0.2, -0.1])
-    limit = getattr(arm, side)[joint]
+    limit = getattr(arm.joints, side)[joint]
     q[joint] = limit
     if joint == 2 and side == "lower":
         q[joint] = limit + 0.05  # the wrist would be at the remote centre
     found = arm.inverse_kinematics(arm.forward_kinematics(q).T, q)
     assert found == pytest.approx(q, abs=1e-8)
-    assert (found >= arm.lower[:6]).all()
-    assert (found <= arm.upper[:6]).all()
+    assert (found >= arm.joints.lower[:6]).all()
+    assert (found <= arm.joints.upper[:6]).all()
     if q[joint] != limit:
         return
     beyond = 1e-4 if side == "upper" else -1e-4
     q[joint] += beyond
-    if arm.joint_names[joint] == "roll":  # more than a turn: it comes back by one
+    if arm.joints.names[joint] == "roll":  # more than a turn: it comes back by one
         found = arm.inverse_kinematics(arm.forward_kinematics(q).T, q)
         assert found[joint] == pytest.approx(q[joint] - np.copysign(2.0 * np.pi, beyond), abs=1e-8)
         return
-    with pytest.raises(UnreachableError, match=arm.joint_names[joint]):
+    with pytest.raises(UnreachableError, match=arm.joints.names[joint]):
         arm.inverse_kinematics(arm.forward_kinematics(q).T, q)
 
 
@@ -119,27 +119,27 @@ def test_poses_and_jacobians_of_a_skew_arm_in_motion_are_those_of_its_joints(ske
     arm.move_jp([0.4, 0.6, 0.2, 1.0, -0.4, 0.3])
     for _ in range(5):
         world.step(100)
-        q, qd, _ = arm.readings()
-        assert np.abs(arm.local_measured_cp().T - chain_pose(mechanism)(q)).max() < 1e-12
+        q, qd, _ = arm.joints.readings()
+        assert np.abs(arm.local.measured_cp().T - chain_pose(mechanism)(q)).max() < 1e-12
         setpoint = chain_pose(mechanism)(
             np.append(arm.setpoint_js().position, 0.0)
         )  # whatever the jaw
-        assert np.abs(arm.local_setpoint_cp().T - setpoint).max() < 1e-12
+        assert np.abs(arm.local.setpoint_cp().T - setpoint).max() < 1e-12
         body = jacobian_body(mechanism, q)
-        assert np.abs(arm.jacobian("body") - body[:, :6]).max() < 1e-10
-        assert np.abs(arm.jacobian("spatial") - jacobian_spatial(mechanism, q)[:, :6]).max() < 1e-10
+        assert np.abs(arm.body.jacobian() - body[:, :6]).max() < 1e-10
+        assert np.abs(arm.spatial.jacobian() - jacobian_spatial(mechanism, q)[:, :6]).max() < 1e-10
         velocity = chain_pose(mechanism)(q)[:3, :3] @ (body @ qd)[:3]
-        assert arm.local_measured_cv().linear == pytest.approx(velocity, abs=1e-10)
+        assert arm.local.measured_cv().linear == pytest.approx(velocity, abs=1e-10)
 
 
 def test_a_skew_arm_put_far_beyond_a_limit_has_the_pose_of_its_joints(skew_overlay):
     world = skew_world(skew_overlay, 4)
     arm = world.arm("PSM1")
-    q = np.array([0.1, arm.upper[1] + 0.1, 0.15, 0.1, 0.1, 0.1, 0.0])
+    q = np.array([0.1, arm.joints.upper[1] + 0.1, 0.15, 0.1, 0.1, 0.1, 0.0])
     world.set_state("PSM1", q)
     mechanism = arm.description.mechanism
-    assert np.abs(arm.local_measured_cp().T - chain_pose(mechanism)(q)).max() < 1e-9
-    assert np.abs(arm.jacobian() - jacobian_body(mechanism, q)[:, :6]).max() < 1e-9
+    assert np.abs(arm.local.measured_cp().T - chain_pose(mechanism)(q)).max() < 1e-9
+    assert np.abs(arm.body.jacobian() - jacobian_body(mechanism, q)[:, :6]).max() < 1e-9
 
 
 def test_poses_in_the_frame_of_a_skew_scope_are_those_of_its_joints(skew_overlay):
@@ -147,9 +147,9 @@ def test_poses_in_the_frame_of_a_skew_scope_are_those_of_its_joints(skew_overlay
     world = World("two_psm_ecm", calibration={"ECM": overlay}, tip_load_n=10.0)
     scope, arm = world.arm("ECM"), world.arm("PSM1")
     world.step(200)
-    tip = chain_pose(scope.description.mechanism)(scope.positions())
+    tip = chain_pose(scope.description.mechanism)(scope.joints.positions())
     expected = inverse(world.reference_pose("ECM") @ tip) @ world.reference_pose("PSM1")
-    assert np.abs(arm.base_frame()[0] - expected).max() < 1e-12
+    assert np.abs(arm.local.base_frame()[0] - expected).max() < 1e-12
 
 
 def test_verbs_of_a_calibrated_arm_are_quick_enough_for_a_servo_loop(skew_overlay):
@@ -159,18 +159,18 @@ def test_verbs_of_a_calibrated_arm_are_quick_enough_for_a_servo_loop(skew_overla
     step = step_time()
     assert cpu_time(lambda: arm.servo_cp(T)) < SERVO_STEPS * step
     assert cpu_time(arm.measured_cp) < POSE_STEPS * step
-    assert cpu_time(arm.measured_cf) < WRENCH_STEPS * step
+    assert cpu_time(arm.body.measured_cf) < WRENCH_STEPS * step
 
 
 @pytest.mark.parametrize("seed", range(2))
 def test_a_skew_scope_takes_the_poses_it_can_and_no_other(seed, skew_overlay, rng):
     world = World("ecm", calibration=skew_overlay("ecm", np.random.default_rng(seed)))
     scope = world.arm("ECM")
-    lower, upper = scope.lower.copy(), scope.upper
+    lower, upper = scope.joints.lower.copy(), scope.joints.upper
     lower[2] = 0.05
     for q in lower + rng.uniform(size=(20, 4)) * (upper - lower):
         T = scope.forward_kinematics(q).T
-        near = np.clip(q + 0.02 * rng.standard_normal(4), scope.lower, upper)
+        near = np.clip(q + 0.02 * rng.standard_normal(4), scope.joints.lower, upper)
         assert scope.inverse_kinematics(T, near) == pytest.approx(q, abs=1e-8)
         T = T.copy()
         T[:3, :3] = T[:3, :3] @ matrix_from_rotation_vector([1e-4, 0.0, 0.0])

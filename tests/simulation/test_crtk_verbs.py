@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from operator import attrgetter
 
 import numpy as np
 import pytest
@@ -60,7 +61,7 @@ def test_move_jr_of_a_resting_arm_adds_to_its_set_point(arm):
         lambda arm: arm.servo_jp(arm.setpoint_js().position),
         lambda arm: arm.servo_jf(np.zeros(6)),
         lambda arm: arm.servo_cp(arm.setpoint_cp().T),
-        lambda arm: arm.servo_cf(np.zeros(6)),
+        lambda arm: arm.body.servo_cf(np.zeros(6)),
         lambda arm: arm.hold(),
         lambda arm: arm.free(),
         lambda arm: arm.move_jp(GOAL),
@@ -119,7 +120,7 @@ def test_set_points_of_moves_keep_the_limits_of_velocity_and_acceleration(world,
 @pytest.mark.parametrize("ratio", [1.0, 0.25])
 def test_moves_are_time_optimal(world, arm, ratio):
     """As long as ruckig's own answer to the same question, to a period."""
-    arm.set_trajectory_ratio(ratio)
+    arm.joints.set_trajectory_ratio(ratio)
     joints = arm.description.joints[:6]
     question = InputParameter(6)
     question.current_position = arm.setpoint_js().position.tolist()
@@ -134,19 +135,19 @@ def test_moves_are_time_optimal(world, arm, ratio):
 
 
 def test_ratios_scale_velocity_and_acceleration_apart(arm):
-    arm.set_trajectory_ratio(0.5, "velocity")
-    arm.set_trajectory_ratio(0.2, "acceleration")
-    assert arm.trajectory_ratio == (0.5, 0.2)
+    arm.joints.set_trajectory_ratio(0.5, "velocity")
+    arm.joints.set_trajectory_ratio(0.2, "acceleration")
+    assert arm.joints.trajectory_ratio == (0.5, 0.2)
     for wrong in (0.0, 1.1, np.nan, "fast"):
         with pytest.raises(InputError, match=r"0\.002 to 1"):
-            arm.set_trajectory_ratio(wrong)
+            arm.joints.set_trajectory_ratio(wrong)
     with pytest.raises(InputError, match="both, velocity, acceleration"):
-        arm.set_trajectory_ratio(0.5, "jerk")
-    assert arm.trajectory_ratio == (0.5, 0.2)
+        arm.joints.set_trajectory_ratio(0.5, "jerk")
+    assert arm.joints.trajectory_ratio == (0.5, 0.2)
 
 
 def test_servo_jf_persists_until_a_position_command_takes_the_arm_back(world, arm):
-    arm.use_gravity_compensation(True)
+    arm.joints.use_gravity_compensation(True)
     before = arm.measured_js().position
     assert arm.servo_jf([0.4, 0, 0, 0, 0, 0])
     world.step(100)
@@ -154,7 +155,7 @@ def test_servo_jf_persists_until_a_position_command_takes_the_arm_back(world, ar
     world.step(100)
     second = arm.measured_js()
     assert before[0] < first.position[0] < second.position[0]
-    assert second.effort[0] - arm.motors.load()[0] == pytest.approx(0.4, abs=1e-9)
+    assert second.effort[0] - arm.runtime.motors.load()[0] == pytest.approx(0.4, abs=1e-9)
     arm.hold()
     world.step(1)
     stopped = arm.setpoint_js().position
@@ -165,18 +166,18 @@ def test_servo_jf_persists_until_a_position_command_takes_the_arm_back(world, ar
 
 def test_efforts_beyond_the_motors_are_clipped(arm):
     assert arm.servo_jf([50.0, 0, 0, 0, 0, 0])
-    assert arm.setpoint_js().effort[0] == arm.effort_limit[0]
-    assert "clipped" in arm.last_warning
+    assert arm.setpoint_js().effort[0] == arm.joints.effort_limit[0]
+    assert "clipped" in arm.rejections.last
 
 
 def test_a_free_arm_falls_without_gravity_compensation_and_floats_with_it(world, arm):
-    arm.use_gravity_compensation(False)
+    arm.joints.use_gravity_compensation(False)
     start = arm.measured_js().position
     arm.free()
     world.step(500)
     assert np.abs(arm.measured_js().position - start).max() > 0.1
     world.reset()
-    arm.use_gravity_compensation(True)
+    arm.joints.use_gravity_compensation(True)
     arm.free()
     world.step(500)
     assert np.abs(arm.measured_js().position - start).max() < 0.01
@@ -184,17 +185,17 @@ def test_a_free_arm_falls_without_gravity_compensation_and_floats_with_it(world,
 
 def test_strict_limits_reject_what_else_is_clipped(world, arm):
     beyond = GOAL + np.array([5.0, 0, 0, 0, 0, 0])
-    assert arm.servo_jp(np.clip(beyond, arm.lower[:6], arm.upper[:6])) in (True,)
+    assert arm.servo_jp(np.clip(beyond, arm.joints.lower[:6], arm.joints.upper[:6])) in (True,)
     world.reset()
     before = arm.setpoint_js().position
-    arm.use_strict_limits(True)
+    arm.joints.use_strict_limits(True)
     assert not arm.servo_jp(beyond)
     assert not arm.move_jp(beyond).wait(0.1)
     np.testing.assert_array_equal(arm.setpoint_js().position, before)
-    assert "yaw beyond the limit" in arm.last_warning
-    arm.use_strict_limits(False)
+    assert "yaw beyond the limit" in arm.rejections.last
+    arm.joints.use_strict_limits(False)
     motion = arm.move_jp(beyond)
-    assert motion.goal[0] == arm.upper[0]
+    assert motion.goal[0] == arm.joints.upper[0]
 
 
 def test_a_move_ends_when_its_set_point_arrives_though_the_jaw_is_blocked(arm):
@@ -241,22 +242,22 @@ def test_a_stream_is_warned_of_once_in_two_seconds_with_how_many_were_not_report
     messages = [r.getMessage() for r in caplog.records]
     assert len(messages) == 2
     assert "4 more such" in messages[1]
-    assert arm.warnings == 6
+    assert arm.rejections.count == 6
 
 
 @pytest.mark.parametrize(
-    "verb", ["servo_jp", "servo_jr", "servo_jf", "move_jp", "move_jr", "servo_cf"]
+    "verb", ["servo_jp", "servo_jr", "servo_jf", "move_jp", "move_jr", "forces.servo_cf"]
 )
 def test_what_is_no_vector_of_numbers_changes_nothing(arm, verb):
     before, state = arm.setpoint_js().position, arm.operating_state()
     unusable = [[1.0], [np.nan] * 6, [np.inf] * 6, "abc", None, [["a"] * 6]]
     for count, bad in enumerate(unusable, 1):
-        answer = getattr(arm, verb)(bad)
+        answer = attrgetter(verb)(arm)(bad)
         assert not (answer.goal_reached if verb.startswith("move") else answer), bad
         np.testing.assert_array_equal(arm.setpoint_js().position, before)
         assert arm.operating_state() == state
-        assert arm.warnings == count
-        assert set(arm.snapshot(None).modes) == {"position"}
+        assert arm.rejections.count == count
+        assert set(arm.runtime.snapshot(None).modes) == {"position"}
 
 
 def test_set_points_and_measured_agree_at_rest():

@@ -53,7 +53,7 @@ def test_a_world_that_was_reset_moves_as_a_new_one():
     used, new = World("psm"), World("psm")
     drive(used, [1])
     arm = used.arm("PSM1")
-    arm.set_mode("effort")
+    arm.joints.set_mode("effort")
     arm.servo_jf([0.5, 0, 0, 0, 0, 0])
     used.step(100)
     used.arm("PSM1").servo_jp([np.nan] * 6)
@@ -68,19 +68,19 @@ def test_a_world_that_was_reset_moves_as_a_new_one():
 def test_reset_locks_brakes_and_goes_back_to_position_with_the_rig_s_gains():
     world = World("suj_two_psm_ecm")
     arm, setup = world.arm("PSM1"), world.arm("SUJ_PSM1")
-    setup.release_brakes()
-    arm.set_mode("set", ["yaw"])
-    before = arm.gains("yaw")
-    arm.set_gains("yaw", p=90.0)
+    setup.brakes.release()
+    arm.joints.set_mode("set", ["yaw"])
+    before = arm.joints.gains("yaw")
+    arm.joints.set_gains("yaw", p=90.0)
     motion = arm.move_jp(GOAL)
     world.step(10)
     world.reset()
     assert all(setup.brakes.values())
-    assert arm.mode("yaw") == "position"
-    assert arm.gains("yaw") == before
+    assert arm.joints.mode("yaw") == "position"
+    assert arm.joints.gains("yaw") == before
     assert motion.done
     assert not motion.goal_reached
-    assert not arm.busy
+    assert not arm.operating_state().is_busy
 
 
 def test_looking_changes_nothing():
@@ -101,11 +101,11 @@ def test_looking_changes_nothing():
 def test_a_snapshot_shows_bodies_where_the_joints_are_now():
     """After a step, and right after a pose is set with no step in between."""
     world = World("psm")
-    world.arm("PSM1").set_mode("set")
+    world.arm("PSM1").joints.set_mode("set")
     world.arm("PSM1").servo_jp(GOAL)
     seen = world.snapshot()
     finger = world.mj_model.body("PSM1/finger_left").id
-    tip = world.reference_pose("PSM1") @ world.arm("PSM1").local_measured_cp().T
+    tip = world.reference_pose("PSM1") @ world.arm("PSM1").local.measured_cp().T
     np.testing.assert_allclose(seen.positions[finger], tip[:3, 3], atol=1e-9)
 
 

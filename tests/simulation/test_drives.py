@@ -77,7 +77,7 @@ def test_a_released_arm_in_motion_only_loses_energy_by_friction() -> None:
     model, data, bank = world.mj_model, world.mj_data, drives(world)
     model.opt.gravity[:] = 0.0
     model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
-    world.arm("PSM1").set_mode("effort")
+    world.arm("PSM1").joints.set_mode("effort")
     world.set_state(
         "PSM1", np.array([0, 0, 0.12, 0, 0, 0, 0.5]), np.array([0.5, 0.4, 0.05, 4, 3, 3, 0])
     )
@@ -121,17 +121,17 @@ def test_stop_elements_close_a_loop_of_their_own_width() -> None:
 def test_a_released_arm_with_compensation_stays_where_it_is_put() -> None:
     world = World("psm", calibration="psm")
     arm = world.arm("PSM1")
-    assert arm.gravity_compensation
+    assert arm.joints.gravity_compensation
     for goal in ([0.3, 0.2, 0.14, 0.3, 0.3, 0.2], [-0.4, -0.3, 0.08, -0.4, 0.2, -0.3]):
         arm.move_jp(goal).wait()
         world.step(500)
         arm.free()
-        put = arm.positions()
+        put = arm.joints.positions()
         world.step(1500)
-        rests = arm.positions()
+        rests = arm.joints.positions()
         world.step(3000)
         assert np.abs(rests - put).max() < 0.03  # what the cables give back
-        assert np.abs(arm.positions() - rests).max() < 2e-4
+        assert np.abs(arm.joints.positions() - rests).max() < 2e-4
 
 
 def test_without_compensation_it_falls_as_the_identified_model_says() -> None:
@@ -140,10 +140,10 @@ def test_without_compensation_it_falls_as_the_identified_model_says() -> None:
     q = np.array([0.4, 0.3, 0.14, 0.3, 0.0, 0.0, 0.0])
     world.set_state("PSM1", q)
     load = world.servos.holding.copy()
-    arm.use_gravity_compensation(False)
-    arm.set_mode("effort")
+    arm.joints.use_gravity_compensation(False)
+    arm.joints.set_mode("effort")
     world.step(15)
-    gone = arm.positions() - q
+    gone = arm.joints.positions() - q
     heavy = np.abs(load[:4]) > 0.1 * np.abs(load[:4]).max() * np.array([1, 1, 1, 0.01])
     assert heavy.any()
     assert (np.sign(gone[:4]) == -np.sign(load[:4]))[heavy].all()
@@ -252,5 +252,5 @@ def test_a_mounted_tool_keeps_the_state_of_other_arms() -> None:
     for one in (world, other):
         one.step(200)
     np.testing.assert_allclose(
-        world.arm("PSM2").positions(), other.arm("PSM2").positions(), atol=1e-12
+        world.arm("PSM2").joints.positions(), other.arm("PSM2").joints.positions(), atol=1e-12
     )

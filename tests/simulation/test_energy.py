@@ -30,7 +30,7 @@ def frictionless(tmp_path: Path):
         arm = load_arm(tmp_path / "arm.toml", mounted)
         assert all(f.viscous == f.coulomb == 0.0 for f in arm.friction["paper"].values())
         world = World(lone_rig(arm), friction="paper", gravity_compensation=False)
-        world.arm("arm").set_mode("effort")
+        world.arm("arm").joints.set_mode("effort")
         world.mj_model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
         return world
 
@@ -75,7 +75,7 @@ def test_kinetic_energy_stays_for_ten_seconds_without_gravity(frictionless, name
     q, v = (np.array(x, dtype=float) for x in COASTS[name])
     world.set_state("arm", q, v)
     kinetic = energies(world, 100, 100)[:, 1]
-    moved = np.abs(world.arm("arm").readings()[0] - q)
+    moved = np.abs(world.arm("arm").joints.readings()[0] - q)
     assert moved[:2].min() > 0.2
     assert np.ptp(kinetic) / kinetic[0] < 1e-3
 
@@ -117,7 +117,7 @@ def test_total_energy_stays_as_the_arm_falls(frictionless, name):
 
 def test_the_paper_damping_takes_energy_away():
     world = World("psm", friction="paper", gravity_compensation=False)
-    world.arm("PSM1").set_mode("effort")
+    world.arm("PSM1").joints.set_mode("effort")
     world.mj_model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
     world.mj_model.opt.gravity[:] = 0.0
     q, v = (np.array(x, dtype=float) for x in STARTS["psm"])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from operator import attrgetter
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -82,9 +84,9 @@ def test_the_attack_makes_arguments_of_every_command(name):
 def test_an_arm_that_is_welded_refuses_what_its_motors_would_do():
     arm = World("psm", welded=["PSM1"]).arm("PSM1")
     with pytest.raises(InputError, match=r"PSM1: is welded into the model; .* gravity"):
-        arm.use_gravity_compensation(True)
+        arm.joints.use_gravity_compensation(True)
     with pytest.raises(InputError, match=r"PSM1: is welded into the model; .* torque"):
-        arm.use_computed_torque(True)
+        arm.joints.use_computed_torque(True)
 
 
 @pytest.fixture
@@ -94,16 +96,18 @@ def arm():
 
 
 @pytest.mark.parametrize("value", [v for v in EXTREME if abs(v) > 1e6])
-@pytest.mark.parametrize("verb", ["servo_jp", "servo_jr", "servo_jv", "servo_jf", "servo_cf"])
+@pytest.mark.parametrize(
+    "verb", ["servo_jp", "servo_jr", "servo_jv", "servo_jf", "forces.servo_cf"]
+)
 def test_a_number_beyond_a_million_is_rejected(arm, verb, value):
-    assert not getattr(arm, verb)([value, 0.0, 0.1, 0.0, 0.0, 0.0])
-    assert "magnitude up to 1e+06" in arm.last_warning
+    assert not attrgetter(verb)(arm)([value, 0.0, 0.1, 0.0, 0.0, 0.0])
+    assert "magnitude up to 1e+06" in arm.rejections.last
     WORLD.step(20)
 
 
 def test_tables_and_states_that_are_far_too_fast_are_rejected():
     WORLD.reset()
-    here = WORLD.arm("PSM1").setpoints()
+    here = WORLD.arm("PSM1").joints.setpoints()
     fast = np.array([joint.velocity_max for joint in WORLD.arm("PSM1").description.joints])
     fast[1] *= 1e3
     with pytest.raises(InputError, match=r"PSM1: got velocities .* in row 1; allowed: up to"):
@@ -124,14 +128,14 @@ def test_a_pose_far_away_is_rejected(arm, verb, far):
     T[0, 3] = far
     answer = getattr(arm, verb)(T)
     assert not (answer if isinstance(answer, bool) else answer.goal_reached)
-    assert "allowed: up to 1000 m away" in arm.last_warning
+    assert "allowed: up to 1000 m away" in arm.rejections.last
 
 
 @pytest.mark.parametrize("bad", [{}, "pose", None, 10**400, 1j, np.full((4, 4), 1e200)])
 def test_what_is_no_pose_is_rejected(arm, bad):
     for verb in ("servo_cp", "servo_cr", "move_cp"):
         assert not getattr(getattr(arm, verb)(bad), "goal_reached", False)
-    assert arm.warnings
+    assert arm.rejections.count
 
 
 def springs(**values):
@@ -151,6 +155,6 @@ def springs(**values):
     ],
 )
 def test_springs_that_cannot_be_are_rejected(arm, impedance, reason):
-    assert not arm.servo_ci(impedance)
-    assert reason in arm.last_warning
-    assert arm.mode("yaw") == "position"
+    assert not arm.forces.servo_ci(impedance)
+    assert reason in arm.rejections.last
+    assert arm.joints.mode("yaw") == "position"

@@ -19,7 +19,7 @@ AGREED = 1e-9
 
 def fed_forward(world: World, name: str) -> np.ndarray:
     """What compensation feeds each servo of an arm now, (n,)."""
-    motors, servos = world.arm(name).motors, world.servos
+    motors, servos = world.arm(name).runtime.motors, world.servos
     holding = world.frames.holding_efforts(np.zeros(len(servos.table)))
     return (servos.balanced * holding)[motors.index.rows]
 
@@ -67,7 +67,7 @@ def test_turning_setup_joints_feel_the_arm_by_finite_differences():
     """Effort = d (potential energy) / d q, by moving the compiled model a little."""
     world = World("full_cart")
     model, data = world.mj_model, world.mj_data
-    index = world.arm("SUJ_ECM").motors.index
+    index = world.arm("SUJ_ECM").runtime.motors.index
     expected = fed_forward(world, "SUJ_ECM")
     for joint, address in enumerate(index.qpos):
         energy = []
@@ -85,15 +85,15 @@ def test_turning_setup_joints_feel_the_arm_by_finite_differences():
 @pytest.mark.parametrize("rig", ["psm", "ecm", "full_cart"])
 def test_released_arms_stay_when_compensated_and_without_dry_friction(rig):
     world = World(rig, friction="paper")
-    arms = [a for a in world.arms.values() if a.type in ("PSM", "ECM")]
+    arms = [a for a in world.arms.values() if a.description.type in ("PSM", "ECM")]
     before = {}
     for arm in arms:
-        arm.set_mode("effort")
-        before[arm.name] = arm.readings()[0]
+        arm.joints.set_mode("effort")
+        before[arm.name] = arm.joints.readings()[0]
     world.step(1000)
     for arm in arms:
         # Renewed each 20 ms and discretised: 1 mm, 1 mrad a second, the figure of the insertion.
-        assert np.abs(arm.readings()[0] - before[arm.name]).max() < 1e-3, arm.name
+        assert np.abs(arm.joints.readings()[0] - before[arm.name]).max() < 1e-3, arm.name
 
 
 def test_compensation_follows_an_arm_that_moves():
@@ -102,11 +102,11 @@ def test_compensation_follows_an_arm_that_moves():
     arm, described = world.arm("PSM1"), world.rig.arm("PSM1").arm
     goal = np.array([0.8, 0.5, 0.2, 0.0, 0.0, 0.0])
     arm.move_jp(goal)
-    passed = [arm.readings()[0]]
+    passed = [arm.joints.readings()[0]]
     fed = world.servos.setpoint[:, 2]
     for _ in range(60):
         world.step(21)
-        passed.append(arm.readings()[0])
+        passed.append(arm.joints.readings()[0])
         recent = holding_efforts(described, np.array(passed[-3:]))
         low, high = recent.min(axis=0), recent.max(axis=0)
         assert (fed >= low - 2e-3).all()
@@ -118,10 +118,10 @@ def test_without_compensation_they_fall():
     world = World("psm", friction="paper", gravity_compensation=False)
     arm = world.arm("PSM1")
     world.set_state("PSM1", np.array([0.5, 0.3, 0.12, 0, 0, 0, 0.0]))
-    assert not arm.gravity_compensation
-    arm.set_mode("effort")
+    assert not arm.joints.gravity_compensation
+    arm.joints.set_mode("effort")
     world.step(1000)
-    assert np.abs(arm.readings()[0][:2] - [0.5, 0.3]).max() > 0.05
+    assert np.abs(arm.joints.readings()[0][:2] - [0.5, 0.3]).max() > 0.05
 
 
 def test_compensation_is_switched_at_once_and_says_so():
@@ -129,13 +129,13 @@ def test_compensation_is_switched_at_once_and_says_so():
     arm = world.arm("PSM1")
     world.set_state("PSM1", np.array([0.5, 0.3, 0.12, 0, 0, 0, 0.0]))
     fed = world.servos.setpoint[:, 2]
-    assert arm.gravity_compensation
+    assert arm.joints.gravity_compensation
     assert np.abs(fed[:2]).min() > 0.05
-    arm.use_gravity_compensation(False)
-    assert not arm.gravity_compensation
+    arm.joints.use_gravity_compensation(False)
+    assert not arm.joints.gravity_compensation
     assert not fed.any()
-    arm.use_gravity_compensation(True)
-    assert arm.gravity_compensation
+    arm.joints.use_gravity_compensation(True)
+    assert arm.joints.gravity_compensation
     assert np.abs(fed[:2]).min() > 0.05
 
 
@@ -145,7 +145,7 @@ def test_compensation_is_switched_at_once_and_says_so():
 )
 def test_compensation_starts_as_the_control_set_or_the_caller_has_it(control, requested, on):
     world = World("psm", control=control, gravity_compensation=requested)
-    assert world.arm("PSM1").gravity_compensation is on
+    assert world.arm("PSM1").joints.gravity_compensation is on
 
 
 @pytest.mark.parametrize("name", ["psm", "ecm"])
@@ -204,7 +204,7 @@ def test_a_load_on_the_tip_is_read_off_the_motors_of_broken_loops():
     arm = world.arm("PSM1")
     world.set_state("PSM1", np.array([0.2, 0.6, 0.12, 0.1, 0.2, -0.1, 0.0]))
     world.step(2000)
-    J, state = arm.jacobian("spatial"), arm.measured_js()
+    J, state = arm.spatial.jacobian(), arm.measured_js()
     # Independent of both: differences of the closed kinematics.
     mechanism, step = world.rig.arm("PSM1").arm.mechanism, 1e-6
     column = []
@@ -215,5 +215,5 @@ def test_a_load_on_the_tip_is_read_off_the_motors_of_broken_loops():
     slope = (column[0] - column[1]) / (2.0 * step)
     tip = pose(mechanism, np.append(state.position, 0.0))[:3, 3]
     np.testing.assert_allclose(J[:3, 1] + np.cross(J[3:, 1], tip), slope, atol=1e-6)
-    force = arm.measured_cf("spatial").force
+    force = arm.spatial.measured_cf().force
     assert np.linalg.norm(force) == pytest.approx(10.0, rel=0.05)

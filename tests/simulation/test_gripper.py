@@ -34,7 +34,7 @@ def test_the_gripper_is_no_motor_joint(arm):
     assert len(arm.measured_js().name) == len(arm.setpoint_js().name) == 7
     assert "gripper" not in arm.measured_js().name
     assert arm.gripper.measured_js().name == ("gripper",)
-    assert arm.joint_names[-1] == "gripper"
+    assert arm.joints.names[-1] == "gripper"
     assert World("psm").arm("PSM1").gripper is None
 
 
@@ -67,7 +67,7 @@ def test_both_levers_open_alike(world, arm):
     arm.gripper.squeeze_to(0.5)
     world.step(500)
     at = arm.description.mechanism.frame_index
-    seen = {frame: world.arm("MTML").frame_coordinates()[k] for frame, k in at.items()}
+    seen = {frame: world.arm("MTML").joints.frame_coordinates()[k] for frame, k in at.items()}
     assert seen["gripper_left"] == pytest.approx(0.25, abs=1e-3)
     assert seen["gripper_right"] == pytest.approx(-seen["gripper_left"], abs=1e-6)
 
@@ -97,7 +97,7 @@ def test_a_pinch_is_told_once_and_only_when_it_lasts(world, arm):
 
 
 def test_fingers_move_no_other_joint(world, arm):
-    arm.set_mode("effort")
+    arm.joints.set_mode("effort")
     before = arm.measured_js().position
     arm.gripper.squeeze(0.2)
     world.step(1000)
@@ -108,11 +108,11 @@ def test_commands_of_the_arm_leave_the_fingers_alone(world, arm):
     arm.gripper.squeeze_to(0.4)
     world.step(300)
     arm.move_to("home").wait(10.0)
-    arm.set_mode("effort")
+    arm.joints.set_mode("effort")
     arm.servo_jf(np.zeros(7))
-    arm.use_gravity_compensation(False)
-    arm.use_gravity_compensation(True)
-    arm.set_mode("position")
+    arm.joints.use_gravity_compensation(False)
+    arm.joints.use_gravity_compensation(True)
+    arm.joints.set_mode("position")
     world.step(300)
     assert opening(arm) == pytest.approx(0.4, abs=5e-3)
 
@@ -153,17 +153,17 @@ def test_an_effort_beyond_fingers_is_rejected(arm, effort):
 @pytest.mark.parametrize("mode", ["position", "effort", "set"])
 def test_it_has_no_mode_to_choose(arm, mode):
     with pytest.raises(InputError, match="gripper has no motor; squeeze it"):
-        arm.set_mode(mode, ["gripper"])
+        arm.joints.set_mode(mode, ["gripper"])
 
 
 def test_the_page_s_command_squeezes_and_lets_go(world, arm):
     Command("MTML", "gripper.squeeze_to", {"angle": 0.2}).apply(world)
     world.step(500)
     assert opening(arm) == pytest.approx(0.2, abs=2e-3)
-    assert arm.snapshot(None).setpoint[-1] == pytest.approx(0.2)
+    assert arm.runtime.snapshot(None).setpoint[-1] == pytest.approx(0.2)
     Command("MTML", "gripper.release").apply(world)
     world.step(500)
     assert opening(arm) == pytest.approx(OPEN, abs=1e-4)
-    assert arm.snapshot(None).setpoint[-1] == opening(arm)
+    assert arm.runtime.snapshot(None).setpoint[-1] == opening(arm)
     with pytest.raises(InputError, match="does not have"):
         Command("PSM1", "gripper.squeeze_to", {"angle": 0.2}).apply(World("psm"))

@@ -46,8 +46,8 @@ FROM_WRIST = modified_dh(-0.0091, np.pi / 2, 0.0, -np.pi / 2)[:3, :3]
 
 def test_the_jaw_is_no_joint_of_the_arm_but_has_its_own_readings(world):
     arm = world.arm("PSM1")
-    assert arm.joint_names[-1] == "jaw"
-    assert arm.measured_js().name == arm.joint_names[:-1]
+    assert arm.joints.names[-1] == "jaw"
+    assert arm.measured_js().name == arm.joints.names[:-1]
     assert jaw_of(world).measured_js().name == ("jaw",)
     assert jaw_of(world).measured_js().position.shape == (1,)
     assert world.snapshot().arms["PSM1"].q.shape == (7,)
@@ -59,7 +59,7 @@ def test_fingers_stand_at_the_wrist_yaw_plus_and_minus_half_the_opening(world, y
     arm.servo_jp([0, 0, 0.12, 0, 0, yaw])
     jaw_of(world).servo_jp([0.8])
     world.step(1500)
-    q = arm.readings()[0]
+    q = arm.joints.readings()[0]
     # The right finger follows the left by a stiff constraint: to a microradian.
     np.testing.assert_allclose(turns(world), [q[5] + q[6] / 2, q[5] - q[6] / 2], atol=1e-6)
     assert q[5] == pytest.approx(yaw, abs=5e-3)  # dry friction over stiffness: 0.013 / 6
@@ -99,7 +99,7 @@ def test_a_light_command_below_zero_grips_lightly():
     jaw = jaw_of(world)
     jaw.servo_jp([-0.01])
     world.step(1000)
-    p = world.arm("PSM1").gains("jaw")[0]
+    p = world.arm("PSM1").joints.gains("jaw")[0]
     assert jaw.measured_js().effort[0] == pytest.approx(-0.01 * p, abs=1e-3)
     assert -1e-4 <= jaw.measured_js().position[0] <= 0.0
 
@@ -114,7 +114,7 @@ def test_opening_opens_to_sixty_degrees(world):
 def test_an_effort_opens_and_closes_the_jaw():
     world = World("psm", friction="paper")
     arm, jaw = world.arm("PSM1"), jaw_of(world)
-    arm.set_mode("effort", ["jaw"])
+    arm.joints.set_mode("effort", ["jaw"])
     assert jaw.servo_jf([0.05])
     world.step(300)
     opened = jaw.measured_js().position[0]
@@ -127,7 +127,7 @@ def test_an_effort_opens_and_closes_the_jaw():
 
 def test_in_set_mode_fingers_may_pass_each_other(world):
     """There, the fingers are where they are told, whatever is in between."""
-    world.arm("PSM1").set_mode("set")
+    world.arm("PSM1").joints.set_mode("set")
     jaw_of(world).servo_jp([-0.3])
     left, right = turns(world)
     assert left - right == pytest.approx(-0.3)
@@ -141,14 +141,14 @@ def test_each_instrument_closes_within_its_limits(tool, lower):
     world = World(lone_rig(load_arm("psm", tool)))
     arm = world.arm("arm")
     assert arm.jaw is not None
-    assert arm.lower[-1] == pytest.approx(np.deg2rad(lower), abs=1e-5)
+    assert arm.joints.lower[-1] == pytest.approx(np.deg2rad(lower), abs=1e-5)
     arm.jaw.close()
     arm.jaw.open()
-    assert arm.warnings == 0
+    assert arm.rejections.count == 0
 
 
 def test_an_arm_without_an_instrument_has_no_jaw():
     assert World("ecm").arm("ECM").jaw is None
     bare = World(lone_rig(load_arm("psm", "none"))).arm("arm")
     assert bare.jaw is None
-    assert bare.joint_names == ("yaw", "pitch", "insertion")
+    assert bare.joints.names == ("yaw", "pitch", "insertion")

@@ -23,7 +23,7 @@ def test_every_verb_is_one_command_however_many_it_uses_itself():
     arm.move_to("home")
     assert arm.jaw is not None
     arm.jaw.open()
-    arm.set_mode("effort", ["yaw"])
+    arm.joints.set_mode("effort", ["yaw"])
     assert [(e.source, e.name) for e in entries if e.kind == "command"] == [
         ("PSM1", "move_to"),
         ("PSM1", "jaw.open"),
@@ -72,7 +72,7 @@ def test_the_same_commands_before_the_same_periods_make_bit_identical_motion():
     assert arm.jaw is not None
     arm.jaw.open()
     first.step(111)
-    arm.set_gains("yaw", p=80.0)
+    arm.joints.set_gains("yaw", p=80.0)
     arm.servo_jp([0.1, 0.0, 0.12, 0.0, 0.0, 0.0])
     first.step(50)
     table = np.tile([0.1, 0.0, 0.12, 0.0, 0.0, 0.0, 0.0], (10, 1))

@@ -51,7 +51,7 @@ def push_about(world, arm, seconds: float = 2.0) -> float:
     for k in range(round(seconds / 0.02)):
         angle = 2.0 * np.pi * k / 50.0
         force = 1.0 * np.array([np.cos(angle), np.sin(angle), np.cos(angle)])
-        assert arm.servo_cf([*(orientation(arm).T @ force), 0, 0, 0])
+        assert arm.body.servo_cf([*(orientation(arm).T @ force), 0, 0, 0])
         world.step(20)
         worst = max(worst, float(angle_between(start, orientation(arm))))
         way = max(way, float(np.linalg.norm(arm.measured_cp().T[:3, 3] - begin)))
@@ -60,27 +60,27 @@ def push_about(world, arm, seconds: float = 2.0) -> float:
 
 
 def test_the_gimbal_holds_the_orientation_while_the_hand_is_moved(world, arm):
-    arm.servo_cf(HANDS_OFF)
-    assert arm.lock_orientation()
-    assert arm.orientation_locked
+    arm.body.servo_cf(HANDS_OFF)
+    assert arm.forces.lock_orientation()
+    assert arm.forces.orientation_locked
     assert push_about(world, arm) < HELD_RAD
 
 
 def test_unlocked_the_hand_turns_with_the_arm(world, arm):
-    arm.servo_cf(HANDS_OFF)
+    arm.body.servo_cf(HANDS_OFF)
     assert push_about(world, arm) > 2.0 * HELD_RAD
 
 
 def test_a_quaternion_means_the_orientation_of_its_matrix(arm):
     R = orientation(arm) @ matrix_from_rotation_vector(np.array([0.3, -0.2, 0.4]))
     np.testing.assert_allclose(check_orientation(quaternion_from_matrix(R)), R, atol=1e-12)
-    assert arm.lock_orientation(quaternion_from_matrix(R))
+    assert arm.forces.lock_orientation(quaternion_from_matrix(R))
 
 
 def test_a_wanted_orientation_is_approached_and_held(world, arm):
     expected = orientation(arm) @ matrix_from_rotation_vector(np.array([0.3, -0.2, 0.4]))
-    arm.servo_cf(HANDS_OFF)
-    assert arm.lock_orientation(expected)
+    arm.body.servo_cf(HANDS_OFF)
+    assert arm.forces.lock_orientation(expected)
     before = arm.measured_cp().T[:3, 3]
     world.step(3000)
     assert angle_between(orientation(arm), expected) < HELD_RAD
@@ -88,46 +88,49 @@ def test_a_wanted_orientation_is_approached_and_held(world, arm):
 
 
 def test_a_lock_waits_for_force_control(world, arm):
-    assert arm.lock_orientation()
+    assert arm.forces.lock_orientation()
     world.step(100)
-    assert arm.orientation_locked and set(arm.snapshot(None).modes[:7]) == {"position"}
-    arm.servo_cf(HANDS_OFF)
-    assert arm.snapshot(None).modes[:7] == ("effort",) * 3 + ("position",) * 4
+    assert arm.forces.orientation_locked and set(arm.runtime.snapshot(None).modes[:7]) == {
+        "position"
+    }
+    arm.body.servo_cf(HANDS_OFF)
+    assert arm.runtime.snapshot(None).modes[:7] == ("effort",) * 3 + ("position",) * 4
 
 
 def test_unlocking_lets_the_gimbal_float(world, arm):
-    arm.servo_cf(HANDS_OFF)
-    arm.lock_orientation()
+    arm.body.servo_cf(HANDS_OFF)
+    arm.forces.lock_orientation()
     world.step(100)
-    assert arm.unlock_orientation()
-    assert not arm.orientation_locked
-    assert set(arm.snapshot(None).modes[:7]) == {"effort"}
+    assert arm.forces.unlock_orientation()
+    assert not arm.forces.orientation_locked
+    assert set(arm.runtime.snapshot(None).modes[:7]) == {"effort"}
     world.step(500)
     assert np.abs(arm.measured_js().velocity).max() < 0.05
 
 
 @pytest.mark.parametrize(
-    "verb", ["hold", "free", "servo_jp", "servo_jf", "move_jp", "disable", "pause", "reset"]
+    "verb", ["hold", "free", "servo_jp", "servo_jf", "move_jp", "disable", "state_command", "reset"]
 )
 def test_every_other_command_ends_the_lock(world, arm, verb):
-    arm.servo_cf(HANDS_OFF)
-    arm.lock_orientation()
+    arm.body.servo_cf(HANDS_OFF)
+    arm.forces.lock_orientation()
     world.step(50)
     q = arm.measured_js().position
     given = {"servo_jp": (q,), "move_jp": (q,), "servo_jf": (np.zeros(7),)}
+    given["state_command"] = ("pause",)
     getattr(world if verb == "reset" else arm, verb)(*given.get(verb, ()))
-    assert not arm.orientation_locked
+    assert not arm.forces.orientation_locked
     expected = "effort" if verb in ("free", "servo_jf") else "position"
     # servo_jf and free find the gimbal under position control, and take it along
-    assert set(arm.snapshot(None).modes[:7]) == {expected}
+    assert set(arm.runtime.snapshot(None).modes[:7]) == {expected}
 
 
 def test_the_lock_is_told(world, arm):
     entries = []
     world.listen(lambda e: entries.append((e.kind, e.name, dict(e.values))))
-    arm.lock_orientation()
-    arm.unlock_orientation()
-    arm.unlock_orientation()
+    arm.forces.lock_orientation()
+    arm.forces.unlock_orientation()
+    arm.forces.unlock_orientation()
     assert [(k, n) for k, n, _ in entries] == [
         ("command", "lock_orientation"),
         ("event", "orientation_locked"),
@@ -151,20 +154,20 @@ def test_the_lock_is_told(world, arm):
     ],
 )
 def test_what_is_no_orientation_is_rejected_with_a_warning(arm, bad):
-    assert not arm.lock_orientation(bad)
-    assert not arm.orientation_locked
-    assert "lock_orientation: orientation" in arm.last_warning
+    assert not arm.forces.lock_orientation(bad)
+    assert not arm.forces.orientation_locked
+    assert "lock_orientation: orientation" in arm.rejections.last
     with pytest.raises(InputError):
         check_orientation(bad)
 
 
 def test_only_masters_that_are_ready_lock(arm):
     psm = World("psm").arm("PSM1")
-    assert not psm.lock_orientation()
-    assert "only masters can" in psm.last_warning
+    assert not psm.forces.lock_orientation()
+    assert "only masters can" in psm.rejections.last
     arm.disable()
-    assert not arm.lock_orientation()
-    assert "lock_orientation" in arm.last_warning
+    assert not arm.forces.lock_orientation()
+    assert "lock_orientation" in arm.rejections.last
 
 
 # ---------------------------------------------------------------- the platform
@@ -203,9 +206,9 @@ def test_the_platform_s_advance_brings_the_wrist_yaw_towards_its_middle(rng):
 
 
 def test_under_force_control_the_platform_gives_way_and_the_hand_stays(world, arm):
-    q = np.array([0.1, 0.3, 0.1, -0.5, 0.3, 0.6, 0.2, arm.upper[-1]])
+    q = np.array([0.1, 0.3, 0.1, -0.5, 0.3, 0.6, 0.2, arm.joints.upper[-1]])
     world.set_state("MTML", q)
-    arm.servo_cf(HANDS_OFF)
+    arm.body.servo_cf(HANDS_OFF)
     before = arm.measured_cp().T[:3, 3]
     world.step(4000)
     now = arm.measured_js().position
@@ -214,6 +217,6 @@ def test_under_force_control_the_platform_gives_way_and_the_hand_stays(world, ar
     for verb in ("free", "spatial"):
         world.reset()
         world.set_state("MTML", q)
-        assert arm.free() if verb == "free" else arm.servo_cf(HANDS_OFF, "spatial")
+        assert arm.free() if verb == "free" else arm.spatial.servo_cf(HANDS_OFF)
         world.step(1000)
         np.testing.assert_allclose(arm.measured_js().position, q[:7], atol=1e-3)

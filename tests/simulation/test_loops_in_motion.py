@@ -57,7 +57,7 @@ def test_the_load_is_felt():
     idle, loaded = World("psm"), World("psm", tip_load_n=10.0)
     for world in (idle, loaded):
         world.step(500)
-    moved = loaded.arm("PSM1").readings()[0] - idle.arm("PSM1").readings()[0]
+    moved = loaded.arm("PSM1").joints.readings()[0] - idle.arm("PSM1").joints.readings()[0]
     assert np.abs(moved[:2]).max() > 5e-3
 
 
@@ -68,7 +68,7 @@ def test_the_constraints_residual_is_the_analytic_gap(rig, name):
     world.arm(name).move_jp(world.arm(name).measured_js().position + 0.1)
     world.step(300)
     model, data = world.mj_model, world.mj_data
-    health = world.arm(name).health()
+    health = world.arm(name).joints.health()
     mujoco.mj_forward(model, data)
     for closure in world.rig.arm(name).arm.mechanism.closures:
         a, b = (data.site(f"{name}/{closure.name}/{side}").xpos for side in "ab")
@@ -77,7 +77,7 @@ def test_the_constraints_residual_is_the_analytic_gap(rig, name):
         rows &= data.efc_type[: data.nefc] == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
         assert np.linalg.norm(data.efc_pos[: data.nefc][rows]) == pytest.approx(residual, abs=1e-15)
         assert residual <= health.loop_gap_m + 1e-15
-    found = gaps(world.rig.arm(name).arm.mechanism, world.arm(name).frame_coordinates())
+    found = gaps(world.rig.arm(name).arm.mechanism, world.arm(name).joints.frame_coordinates())
     worst = max(
         np.linalg.norm(data.site(f"{name}/{c.name}/a").xpos - data.site(f"{name}/{c.name}/b").xpos)
         for c in world.rig.arm(name).arm.mechanism.closures

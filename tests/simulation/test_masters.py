@@ -77,7 +77,7 @@ def test_a_master_without_a_display_is_seen_from_its_own_base(tmp_path):
     )
     arm = World(path).arm("MTML")
     assert arm.measured_cp().frame_id == "MTML_base"
-    np.testing.assert_array_equal(arm.measured_cp().T, arm.local_measured_cp().T)
+    np.testing.assert_array_equal(arm.measured_cp().T, arm.local.measured_cp().T)
 
 
 def test_the_forearms_parallelograms_hold_in_motion(console):
@@ -95,11 +95,11 @@ def test_what_holds_a_master_hands_off_is_gravity_compensation():
     for on in (True, False):
         world.reset()
         left = world.arm("MTML")
-        left.set_mode("effort")
-        left.use_gravity_compensation(on)
-        before = left.local_measured_cp().T[2, 3]
+        left.joints.set_mode("effort")
+        left.joints.use_gravity_compensation(on)
+        before = left.local.measured_cp().T[2, 3]
         world.step(2000)
-        heights[on] = abs(left.local_measured_cp().T[2, 3] - before)
+        heights[on] = abs(left.local.measured_cp().T[2, 3] - before)
     assert heights[True] < 1e-4 < 5e-3 < heights[False]
 
 
@@ -107,25 +107,25 @@ def test_a_push_moves_a_floating_master_and_friction_stops_it():
     """Of 0.3 N m on the shoulder its friction takes 0.03; let go, it stays where it stops."""
     world = World("mtm")
     left = world.arm("MTML")
-    left.set_mode("effort")
+    left.joints.set_mode("effort")
     effort = np.zeros(7)
     effort[1] = 0.3
     left.servo_jf(effort)
     world.step(300)
     left.servo_jf(np.zeros(7))
-    moved = left.measured_js().position[1] - left.poses["start"][1]
+    moved = left.measured_js().position[1] - left.joints.poses["start"][1]
     world.step(3000)
     rest = left.measured_js()
     assert moved > 0.01
     np.testing.assert_allclose(rest.velocity, 0.0, atol=1e-3)
-    assert rest.position[1] > left.poses["start"][1] + moved
+    assert rest.position[1] > left.joints.poses["start"][1] + moved
 
 
 def test_a_master_that_is_pushed_away_is_not_at_fault():
     """Source: SAW mtsIntuitiveResearchKitMTM.h, should_use_measured_setpoint_check: false."""
     world = World("mtm")
     left = world.arm("MTML")
-    left.servo_jp(left.poses["start"][:7] + 0.8 * np.eye(7)[0])
+    left.servo_jp(left.joints.poses["start"][:7] + 0.8 * np.eye(7)[0])
     world.step(100)
     off = left.setpoint_js().position[0] - left.measured_js().position[0]
     assert off > left.description.joint("outer_yaw").tracking_tolerance

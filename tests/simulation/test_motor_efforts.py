@@ -58,7 +58,7 @@ def test_a_played_row_reads_as_the_arm_does(control: Literal["dvrk", "paper"]) -
     world = World("psm", control=control)
     q = np.tile([0.1, -0.1, 0.13, 0.05, 0.1, 0.1, 0.4], (40, 1))
     played = world.play({"PSM1": q})
-    read = world.arm("PSM1").readings()[2]
+    read = world.arm("PSM1").joints.readings()[2]
     np.testing.assert_allclose(played.efforts["PSM1"][-1], read, rtol=0, atol=1e-12)  # rounding
 
 
@@ -67,7 +67,7 @@ def test_an_effort_beyond_the_motor_reads_as_its_limit() -> None:
     q = np.tile([0.3, 0.0, 0.12, 0.0, 0.0, 0.0, 0.4], (2, 1))
     played = world.play({"PSM1": q}, every=1)
     arm = world.arm("PSM1")
-    assert played.efforts["PSM1"][-1, 0] == pytest.approx(arm.effort_limit[0])
+    assert played.efforts["PSM1"][-1, 0] == pytest.approx(arm.joints.effort_limit[0])
 
 
 def test_a_motor_at_its_limit_is_as_fast_as_its_supply_allows() -> None:

@@ -29,11 +29,11 @@ def test_set_points_keep_velocity_and_acceleration_limits_and_arrive():
     joints = arm.description.joints[:6]
     world.set_state("PSM1", np.array([-1.5, 0.0, 0.12, 0.0, 0.0, 0.0, 0.0]))
     motion = arm.move_jp(GOAL)
-    assert arm.busy
+    assert arm.operating_state().is_busy
     path = followed(world, 3000)
     assert motion.done
     assert motion.goal_reached
-    assert not arm.busy
+    assert not arm.operating_state().is_busy
     np.testing.assert_array_equal(path[-1], GOAL)
     speed = np.diff(path, axis=0) / world.timestep
     rate = np.diff(speed, axis=0) / world.timestep
@@ -95,7 +95,7 @@ def test_a_superseded_move_is_over_without_its_goal_and_leaves_no_velocity(end):
     elif end == "hold":
         arm.hold()
     else:
-        arm.set_mode("position")
+        arm.joints.set_mode("position")
     assert motion.done
     assert not motion.goal_reached
     assert not motion.wait(1.0)
@@ -214,7 +214,7 @@ def test_an_arm_that_is_taken_over_leaves_its_jaw_at_rest_or_going():
 def test_a_move_in_set_mode_is_followed_exactly():
     world = World("psm")
     arm = world.arm("PSM1")
-    arm.set_mode("set")
+    arm.joints.set_mode("set")
     assert arm.move_jp(GOAL).wait(5.0)
     np.testing.assert_allclose(arm.measured_js().position, GOAL, atol=1e-6)
 
@@ -224,14 +224,14 @@ def test_set_points_go_on_at_a_velocity_until_a_limit_or_the_next_command():
     arm = world.arm("PSM1")
     before = arm.setpoint_js().position
     assert arm.servo_jv([0.2, -0.1, 0.01, 0.0, 0.0, 0.0])
-    assert not arm.busy
+    assert not arm.operating_state().is_busy
     world.step(500)
     setpoint = arm.setpoint_js()
     np.testing.assert_allclose(setpoint.position - before, [0.1, -0.05, 0.005, 0, 0, 0], atol=1e-12)
     np.testing.assert_allclose(setpoint.velocity[:3], [0.2, -0.1, 0.01])
     np.testing.assert_allclose(arm.measured_js().velocity[:2], [0.2, -0.1], atol=5e-3)
     world.step(12_000)
-    limits = [arm.upper[0], arm.lower[1], arm.upper[2]]
+    limits = [arm.joints.upper[0], arm.joints.lower[1], arm.joints.upper[2]]
     np.testing.assert_allclose(arm.setpoint_js().position[:3], limits, atol=1e-9)
     assert arm.setpoint_js().velocity[0] == 0.0
     assert arm.servo_jv(np.zeros(6))
@@ -247,7 +247,7 @@ def test_a_velocity_beyond_the_limit_is_clipped_with_a_warning():
     world = World("psm")
     arm = world.arm("PSM1")
     assert arm.servo_jv([9.0, 0, 0, 0, 0, 0])
-    assert "clipped" in arm.last_warning
+    assert "clipped" in arm.rejections.last
     world.step(100)
     most = arm.description.joints[0].velocity_max
     assert arm.setpoint_js().position[0] == pytest.approx(0.1 * most)
@@ -266,7 +266,7 @@ def test_set_point_velocities_beyond_the_limit_are_clipped_with_a_warning(caplog
     )
     assert arm.jaw is not None and arm.jaw.servo_jp([0.3], [1e6])
     assert arm.jaw.setpoint_js().velocity == most[-1]
-    assert "velocity clipped" in arm.last_warning
+    assert "velocity clipped" in arm.rejections.last
 
 
 def test_velocities_at_the_limit_are_taken_as_they_are():
@@ -274,4 +274,4 @@ def test_velocities_at_the_limit_are_taken_as_they_are():
     most = [joint.velocity_max for joint in arm.description.joints[:6]]
     assert arm.servo_jp(arm.setpoint_js().position, most)
     np.testing.assert_array_equal(arm.setpoint_js().velocity, most)
-    assert arm.warnings == 0
+    assert arm.rejections.count == 0

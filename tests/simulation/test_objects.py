@@ -259,11 +259,11 @@ def test_the_jaw_grasps_a_block_and_lifts_it() -> None:
     arm, block = world.arm("PSM1"), world.object("block2")
     at = block.measured_cp().T[:3, 3]
     cart = world.reference_pose("PSM1")
-    down = (cart @ arm.local_measured_cp().T)[:3, :3]
+    down = (cart @ arm.local.measured_cp().T)[:3, :3]
 
     def go(height: float) -> None:
         T = transform(down, at + np.array([0.0, 0.0, height]))
-        assert arm.move_cp(arm.base_frame()[0] @ inverse(cart) @ T).wait(timeout_s=4.0)
+        assert arm.move_cp(arm.local.base_frame()[0] @ inverse(cart) @ T).wait(timeout_s=4.0)
 
     assert arm.jaw is not None
     arm.jaw.move_jp([0.6]).wait(timeout_s=2.0)

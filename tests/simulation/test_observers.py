@@ -40,14 +40,16 @@ def test_motion_does_not_depend_on_observers() -> None:
     for world in worlds:
         world.arm("PSM1").move_jp([0.3, 0.2, 0.15, 0.4, 0.2, -0.3])
         world.step(333)
-    first = worlds[0].arm("PSM1").readings()
+    first = worlds[0].arm("PSM1").joints.readings()
     for world in worlds[1:]:
-        assert np.array_equal(world.arm("PSM1").readings(), first)
+        assert np.array_equal(world.arm("PSM1").joints.readings(), first)
 
 
 def test_a_state_that_is_not_finite_is_not_observed() -> None:
     world, seen = World("psm"), list[bool]()
-    world.observe(lambda: seen.append(bool(np.isfinite(world.arm("PSM1").readings()[0]).all())))
+    world.observe(
+        lambda: seen.append(bool(np.isfinite(world.arm("PSM1").joints.readings()[0]).all()))
+    )
     world.step(5)
     world.mj_data.qvel[0] = np.nan
     with pytest.raises(DivergedError):

@@ -34,7 +34,7 @@ def test_a_psm_is_seen_from_the_scope_as_the_bodies_stand(rig):
     world.step(700)
     scope = body_pose(world, "ECM/roll")
     arm = world.rig.arm("ECM").arm.mechanism
-    q = world.arm("ECM").readings()[0]
+    q = world.arm("ECM").joints.readings()[0]
     tip = scope @ pose(arm, q, arm.tip, "roll")
     for name in ("PSM1", "PSM2"):
         seen = world.arm(name).measured_cp()
@@ -47,16 +47,16 @@ def test_a_psm_is_seen_from_the_scope_as_the_bodies_stand(rig):
 def test_a_psm_seen_from_the_scope_moves_when_either_is_carried(mover):
     world = World("suj_two_psm_ecm", collisions=False)
     psm = world.arm("PSM1")
-    seen, local = psm.measured_cp().T, psm.local_measured_cp().T
+    seen, local = psm.measured_cp().T, psm.local.measured_cp().T
     if mover.startswith("SUJ"):
-        world.arm(mover).release_brakes()
+        world.arm(mover).brakes.release()
     q = world.arm(mover).measured_js().position
     q[1] += 0.1
-    world.arm(mover).set_mode("set")
+    world.arm(mover).joints.set_mode("set")
     world.arm(mover).servo_jp(q)
     world.step(5)
     assert np.abs(psm.measured_cp().T - seen)[:3, 3].max() > 0.01
-    np.testing.assert_allclose(psm.local_measured_cp().T, local, atol=1e-4)
+    np.testing.assert_allclose(psm.local.measured_cp().T, local, atol=1e-4)
 
 
 def test_without_a_scope_a_psm_is_seen_from_its_own_remote_centre():
@@ -64,12 +64,12 @@ def test_without_a_scope_a_psm_is_seen_from_its_own_remote_centre():
     arm = world.arm("PSM1")
     arm.move_jp([0.3, 0.2, 0.15, 0.4, 0.2, 0.1])
     world.step(400)
-    seen, local = arm.measured_cp(), arm.local_measured_cp()
+    seen, local = arm.measured_cp(), arm.local.measured_cp()
     np.testing.assert_array_equal(seen.T, local.T)
     assert (seen.frame_id, local.frame_id) == ("PSM1_base", "rcm")
     assert seen.time == pytest.approx(0.4)
     mechanism = world.rig.arm("PSM1").arm.mechanism
-    here = pose(mechanism, arm.readings()[0])
+    here = pose(mechanism, arm.joints.readings()[0])
     np.testing.assert_allclose(local.T, here, rtol=0.0, atol=1e-14)  # rounding
 
 
@@ -78,10 +78,10 @@ def test_the_cart_is_the_frame_of_setup_joints_and_of_the_scope_that_they_carry(
     world = World("full_cart")
     setup, scope = world.arm("SUJ_ECM"), world.arm("ECM")
     assert setup.measured_cp().frame_id == scope.measured_cp().frame_id == "Cart"
-    np.testing.assert_array_equal(setup.measured_cp().T, setup.local_measured_cp().T)
+    np.testing.assert_array_equal(setup.measured_cp().T, setup.local.measured_cp().T)
     cart = world.reference_pose("SUJ_ECM")
     assert cart[2, 3] == pytest.approx(0.167458)
-    there = world.reference_pose("ECM") @ scope.local_measured_cp().T
+    there = world.reference_pose("ECM") @ scope.local.measured_cp().T
     np.testing.assert_allclose(cart @ scope.measured_cp().T, there, atol=1e-12)
     lone = World("ecm").arm("ECM").measured_cp()
     assert lone.frame_id == "ECM_base"
@@ -115,7 +115,7 @@ def test_a_reference_arm_that_no_setup_joints_are_made_for_is_rejected():
 def test_a_tip_s_place_in_the_world_is_where_its_body_is() -> None:
     world = World("suj_two_psm_ecm")
     for name in ("PSM1", "PSM2"):
-        T = world.arm(name).tip_in_world()
+        T = world.arm(name).measured_cp("world")
         assert T.frame_id == "world" and T.time == world.time
         assert np.abs(T.T - tip_of_psm(world, name)).max() < 1e-6
 
@@ -128,9 +128,9 @@ def test_the_tool_of_the_lone_psm_reaches_its_table() -> None:
     for x in (-0.03, 0.0, 0.03):
         T[:3, 3] = [x, 0.0, top - world.remote_centres()["PSM1"][2]]
         q = arm.inverse_kinematics(T)
-        assert (arm.lower[:6] <= q).all() and (q <= arm.upper[:6]).all()
+        assert (arm.joints.lower[:6] <= q).all() and (q <= arm.joints.upper[:6]).all()
         world.set_state("PSM1", np.append(q, 0.0))
-        assert arm.tip_in_world().T[:3, 3] == pytest.approx([x, 0.0, top], abs=1e-6)
+        assert arm.measured_cp("world").T[:3, 3] == pytest.approx([x, 0.0, top], abs=1e-6)
 
 
 def test_worlds_arms_jaws_and_moves_have_readable_representations() -> None:

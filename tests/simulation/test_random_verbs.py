@@ -47,10 +47,10 @@ READ_ANEW = {"enable", "disable", "home", "unhome", "state_command", "set_mode"}
 VERBS = {
     "enable": lambda a, _: a.enable(),
     "disable": lambda a, _: a.disable(),
-    "pause": lambda a, _: a.pause(),
-    "resume": lambda a, _: a.resume(),
+    "pause": lambda a, _: a.state_command("pause"),
+    "resume": lambda a, _: a.state_command("resume"),
     "home": lambda a, _: a.home(),
-    "unhome": lambda a, _: a.unhome(),
+    "unhome": lambda a, _: a.state_command("unhome"),
     "state_command": lambda a, r: a.state_command(["home", "fly", "disable"][r.integers(3)]),
     "servo_jp": lambda a, r: a.servo_jp(numbers(r, 6)),
     "servo_jp_v": lambda a, r: a.servo_jp(a.setpoint_js().position, numbers(r, 6)),
@@ -58,19 +58,21 @@ VERBS = {
     "servo_jf": lambda a, r: a.servo_jf(numbers(r, 6)),
     "servo_cp": lambda a, r: a.servo_cp(pose(r, a)),
     "servo_cr": lambda a, _: a.servo_cr(np.eye(4)),
-    "servo_cf": lambda a, r: a.servo_cf(numbers(r, 6), ["body", "spatial", "tool"][r.integers(3)]),
-    "servo_ci": lambda a, _: a.servo_ci(CartesianImpedance(a.measured_cp().T[:3, 3])),
+    "servo_cf": lambda a, r: a.forces.servo_cf(
+        numbers(r, 6), ["body", "spatial", "tool"][r.integers(3)]
+    ),
+    "servo_ci": lambda a, _: a.forces.servo_ci(CartesianImpedance(a.measured_cp().T[:3, 3])),
     "move_jp": lambda a, r: a.move_jp(numbers(r, 6)),
     "move_jr": lambda a, r: a.move_jr(numbers(r, 6)),
     "move_cp": lambda a, r: a.move_cp(pose(r, a)),
     "hold": lambda a, _: a.hold(),
     "free": lambda a, _: a.free(),
-    "set_mode": lambda a, r: a.set_mode(["position", "effort", "set"][r.integers(3)]),
+    "set_mode": lambda a, r: a.joints.set_mode(["position", "effort", "set"][r.integers(3)]),
     "jaw.move_jp": lambda a, r: a.jaw.move_jp(numbers(r, 1)),
     "jaw.servo_jp": lambda a, r: a.jaw.servo_jp(numbers(r, 1)),
     "jaw.servo_jf": lambda a, r: a.jaw.servo_jf(numbers(r, 1)),
     "jaw.close": lambda a, _: a.jaw.close(),
-    "gravity": lambda a, r: a.use_gravity_compensation(bool(r.integers(2))),
+    "gravity": lambda a, r: a.joints.use_gravity_compensation(bool(r.integers(2))),
 }
 
 
@@ -83,10 +85,10 @@ def check_sequence(names: list[str], seed: int, ready: bool) -> None:
     world, arm = WORLD, WORLD.arm("PSM1")
     world.reset()
     if ready:
-        arm.begin(arm.readings()[0], ready=True)
+        arm.runtime.begin(arm.joints.readings()[0], ready=True)
     for name in names:
         was_ready = arm.operating_state().ready
-        before, setpoint = arm.readings()[0], arm.setpoint_js().position
+        before, setpoint = arm.joints.readings()[0], arm.setpoint_js().position
         VERBS[name](arm, rng)
         now = arm.operating_state()
         assert now.state in STATES
@@ -97,8 +99,8 @@ def check_sequence(names: list[str], seed: int, ready: bool) -> None:
             np.testing.assert_array_equal(arm.setpoint_js().position, setpoint)
         if now.state in ("DISABLED", "FAULT") and not now.is_busy and not was_ready:
             # a jaw that was pressed into its stop comes back out of it
-            np.testing.assert_allclose(arm.readings()[0][:6], before[:6], atol=1e-6)
-        assert np.isfinite(arm.readings()[0]).all()
+            np.testing.assert_allclose(arm.joints.readings()[0][:6], before[:6], atol=1e-6)
+        assert np.isfinite(arm.joints.readings()[0]).all()
 
 
 @pytest.fixture(autouse=True)

@@ -45,7 +45,7 @@ def test_perfect_moves_bit_for_bit_as_no_errors_do() -> None:
     assert np.array_equal(row(plain), row(perfect))
     assert perfect.signature == plain.signature
     arm, true = perfect.arm("PSM1"), perfect.true_state("PSM1")
-    np.testing.assert_allclose(arm.readings(), [true.q, true.qd, true.effort], atol=1e-15)
+    np.testing.assert_allclose(arm.joints.readings(), [true.q, true.qd, true.effort], atol=1e-15)
     np.testing.assert_allclose(arm.measured_cp().T, true.cp.T, atol=1e-15)
 
 
@@ -58,7 +58,7 @@ def test_a_rigs_own_errors_are_overridden_by_name() -> None:
 def test_encoders_read_whole_steps() -> None:
     world = moved(World("psm", errors="lab", seed=1), 123)
     steps = np.array([7.72e-6, 7.72e-6, 1.30e-6, *4 * [1.34e-4]])
-    counts = world.arm("PSM1").readings()[0] / steps
+    counts = world.arm("PSM1").joints.readings()[0] / steps
     assert np.abs(counts - counts.round()).max() < 1e-6
     true = world.true_state("PSM1").q / steps
     assert np.abs(true - true.round()).max() > 1e-3
@@ -67,7 +67,7 @@ def test_encoders_read_whole_steps() -> None:
 def test_a_seed_determines_the_errors_and_another_one_gives_others() -> None:
     first, again, other = (moved(World("psm", errors="lab", seed=s)) for s in (4, 4, 5))
     assert np.array_equal(row(first), row(again))
-    assert np.array_equal(first.arm("PSM1").readings(), again.arm("PSM1").readings())
+    assert np.array_equal(first.arm("PSM1").joints.readings(), again.arm("PSM1").joints.readings())
     assert np.abs(first.true_state("PSM1").q - other.true_state("PSM1").q).max() > 1e-3
     other.reset(4)
     assert np.array_equal(row(moved(other)), row(first))
@@ -80,7 +80,7 @@ def test_motion_does_not_depend_on_how_steps_are_divided() -> None:
     for count in (1, 2, 90, 200):
         parts.step(count)
     assert np.array_equal(row(whole), row(parts))
-    assert np.array_equal(whole.arm("PSM1").readings(), parts.arm("PSM1").readings())
+    assert np.array_equal(whole.arm("PSM1").joints.readings(), parts.arm("PSM1").joints.readings())
 
 
 def test_a_saved_state_goes_on_to_the_last_bit() -> None:
@@ -116,7 +116,7 @@ def test_a_reversal_loses_backlash_and_hysteresis(hysteresis: float) -> None:
             if abs(angle) < 1e-9:
                 world.step(400)
                 lost.setdefault(sign, []).append(
-                    arm.readings()[0][0] - world.true_state("PSM1").q[0]
+                    arm.joints.readings()[0][0] - world.true_state("PSM1").q[0]
                 )
     width = lost[1.0][-1] - lost[-1.0][-1]
     assert width == pytest.approx(0.01 + hysteresis, rel=1e-6)
@@ -127,7 +127,7 @@ def test_cables_stretch_with_the_load() -> None:
     world.step(3000)
     arm, true = world.arm("PSM1"), world.true_state("PSM1")
     assert abs(true.effort[1]) > 0.1
-    stretch = (arm.readings()[0] - true.q)[1]
+    stretch = (arm.joints.readings()[0] - true.q)[1]
     assert stretch == pytest.approx(0.004 * true.effort[1], rel=1e-3)
 
 
@@ -135,11 +135,11 @@ def test_late_readings_are_those_of_before() -> None:
     plain, late = World("psm"), World(with_errors(of_joints(latency=0.02)))
     for world in (plain, late):
         moved(world, 80)
-    before = plain.arm("PSM1").readings()[:2], plain.arm("PSM1").measured_cp().T
+    before = plain.arm("PSM1").joints.readings()[:2], plain.arm("PSM1").measured_cp().T
     for world in (plain, late):
         world.step(20)
     assert np.array_equal(row(plain), row(late))
-    np.testing.assert_allclose(late.arm("PSM1").readings()[:2], before[0], atol=1e-15)
+    np.testing.assert_allclose(late.arm("PSM1").joints.readings()[:2], before[0], atol=1e-15)
     np.testing.assert_allclose(late.arm("PSM1").measured_cp().T, before[1], atol=1e-15)
     assert np.array_equal(late.true_state("PSM1").q, plain.true_state("PSM1").q)
 
@@ -173,7 +173,7 @@ def test_setup_joints_that_read_wrong_move_the_reported_base() -> None:
     world = World(with_errors(errors, "suj_two_psm_ecm"))
     lost = world.arm("PSM1").measured_cp().T[:3, 3] - world.true_state("PSM1").cp.T[:3, 3]
     assert 1e-3 < np.linalg.norm(lost) < 0.1
-    assert np.array_equal(world.arm("PSM1").readings()[0], world.true_state("PSM1").q)
+    assert np.array_equal(world.arm("PSM1").joints.readings()[0], world.true_state("PSM1").q)
 
 
 def test_every_reading_agrees_with_the_verbs() -> None:
@@ -185,9 +185,9 @@ def test_every_reading_agrees_with_the_verbs() -> None:
         np.testing.assert_allclose(
             read.bases[row_] @ read.measured[row_], arm.measured_cp().T, atol=1e-12
         )
-        assert np.array_equal(shown.arms[name].q, arm.readings()[0])
+        assert np.array_equal(shown.arms[name].q, arm.joints.readings()[0])
         assert np.array_equal(
-            arm.measured_js().position, arm.readings()[0][: arm.description.own_joints]
+            arm.measured_js().position, arm.joints.readings()[0][: arm.description.own_joints]
         )
 
 
@@ -201,15 +201,17 @@ def test_pictures_show_the_truth() -> None:
     at = world.mj_model.site(naming.frame_site("PSM1", "tip")).id
     mujoco.mj_kinematics(world.mj_model, shown)
     assert np.linalg.norm(tip - shown.site_xpos[at]) < 2e-6
-    assert np.linalg.norm(tip - world.arm("PSM1").tip_in_world().T[:3, 3]) > 1e-3
+    assert np.linalg.norm(tip - world.arm("PSM1").measured_cp("world").T[:3, 3]) > 1e-3
 
 
 def test_an_exchanged_tool_leaves_the_errors_of_other_joints() -> None:
     world = moved(World("two_psm_ecm", errors="lab", seed=8))
-    before = {name: world.arm(name).readings()[0] - world.true_state(name).q for name in world.arms}
+    before = {
+        name: world.arm(name).joints.readings()[0] - world.true_state(name).q for name in world.arms
+    }
     world.exchange_tool("PSM1", "PROGRASP_FORCEPS:420093")
     for name in ("PSM2", "ECM"):
-        now = world.arm(name).readings()[0] - world.true_state(name).q
+        now = world.arm(name).joints.readings()[0] - world.true_state(name).q
         np.testing.assert_allclose(now, before[name], atol=2.7e-4)
     world.step(100)
 
@@ -235,14 +237,14 @@ def test_worlds_of_a_batch_have_the_errors_that_worlds_have(calibration: str | N
         goal = np.clip(rest[0] + 0.1 * size, world.joints.lower, world.joints.upper)
         readings = batch.step(np.stack([goal, rest[1]]), n=57)
         for arm in world.arms.values():
-            own = goal[arm.motors.index.rows]
+            own = goal[arm.runtime.motors.index.rows]
             arm.servo_jp(own[: arm.description.own_joints])
             if arm.jaw is not None:
                 arm.jaw.servo_jp(own[arm.description.own_joints :])
         world.step(57)
     assert np.array_equal(batch.rows[0], row(world))
     assert not np.array_equal(batch.rows[0], batch.rows[1])
-    found = np.concatenate([arm.readings()[0] for arm in world.arms.values()])
+    found = np.concatenate([arm.joints.readings()[0] for arm in world.arms.values()])
     np.testing.assert_allclose(readings.q[0], found, atol=1e-15)
     tip = world.arm("PSM1").measured_cp().T
     np.testing.assert_allclose(readings.tips["PSM1"][0], tip, atol=1e-12)

@@ -20,11 +20,13 @@ ROUNDING = 1e-12
 def scatter(world: World, rng: np.random.Generator) -> None:
     """Put every arm somewhere, at some speed, and let its set-points be elsewhere."""
     for name, arm in world.arms.items():
-        if not arm.motors.welded:
-            q = rng.uniform(arm.lower, arm.upper)
+        if not arm.runtime.motors.welded:
+            q = rng.uniform(arm.joints.lower, arm.joints.upper)
             world.set_state(name, q, 0.1 * rng.standard_normal(len(q)))
-            if arm.type != "SUJ":
-                arm.servo_jp(rng.uniform(arm.lower, arm.upper)[: arm.description.own_joints])
+            if arm.description.type != "SUJ":
+                arm.servo_jp(
+                    rng.uniform(arm.joints.lower, arm.joints.upper)[: arm.description.own_joints]
+                )
 
 
 def verbs_of(world: World) -> dict[str, dict[str, Any]]:
@@ -33,20 +35,20 @@ def verbs_of(world: World) -> dict[str, dict[str, Any]]:
     for name, arm in world.arms.items():
         each = found[name] = {
             "measured": arm.measured_cp().T,
-            "local measured": arm.local_measured_cp().T,
+            "local measured": arm.local.measured_cp().T,
             "setpoint": arm.setpoint_cp().T,
-            "local setpoint": arm.local_setpoint_cp().T,
+            "local setpoint": arm.local.setpoint_cp().T,
             "frame": arm.measured_cp().frame_id,
             "reference": world.reference_pose(name),
         }
-        if arm.type != "SUJ":
-            twist, local = arm.measured_cv(), arm.local_measured_cv()
+        if arm.description.type != "SUJ":
+            twist, local = arm.measured_cv(), arm.local.measured_cv()
             each["twist"] = np.concatenate([twist.linear, twist.angular])
             each["local twist"] = np.concatenate([local.linear, local.angular])
             for frame in ("body", "spatial"):
-                wrench = arm.measured_cf(frame)
+                wrench = getattr(arm, frame).measured_cf()
                 each[f"{frame} wrench"] = np.concatenate([wrench.force, wrench.torque])
-                each[f"{frame} jacobian"] = arm.jacobian(frame)
+                each[f"{frame} jacobian"] = getattr(arm, frame).jacobian()
     return found
 
 
@@ -98,7 +100,7 @@ def test_poses_follow_the_reference_arm_and_frames_that_were_set(
     scatter(world, rng)
     world.set_reference_arm(reference)
     T = transform(np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), np.array([1.0, 2.0, 3.0]))
-    world.arm("PSM1").set_base_frame(T, "table")
+    world.arm("PSM1").local.set_base_frame(T, "table")
     check(reader.read(world.sample()), verbs_of(world))
 
 

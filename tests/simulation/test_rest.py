@@ -40,10 +40,10 @@ def complaints(world: World) -> list[str]:
     middle = world.servos.true()[0]
     world.step(ticks)
     end = world.servos.true()[0]
-    simulated = [arm for arm in world.arms.values() if not arm.motors.welded]
+    simulated = [arm for arm in world.arms.values() if not arm.runtime.motors.welded]
     trips = np.array([j.tracking_tolerance for arm in simulated for j in arm.description.joints])
     found = [
-        f"{arm.name}: {arm.last_warning}"
+        f"{arm.name}: {arm.rejections.last}"
         for arm in world.arms.values()
         if not arm.operating_state().ready
     ]

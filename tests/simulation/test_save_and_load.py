@@ -22,7 +22,7 @@ def idle(world: World) -> None:
 
 def moving(world: World) -> None:
     arm = world.arm("PSM1")
-    arm.set_trajectory_ratio(0.5)
+    arm.joints.set_trajectory_ratio(0.5)
     arm.move_jp(GOAL)
     assert arm.jaw is not None
     arm.jaw.move_jp([0.5])
@@ -33,7 +33,7 @@ def drifting(world: World) -> None:
 
 
 def pushing(world: World) -> None:
-    world.arm("PSM1").servo_cf([0.3, 0.0, -0.2, 0.0, 0.0, 0.0])
+    world.arm("PSM1").body.servo_cf([0.3, 0.0, -0.2, 0.0, 0.0, 0.0])
 
 
 def homing(world: World) -> None:
@@ -44,22 +44,22 @@ def homing(world: World) -> None:
 
 def modes(world: World) -> None:
     arm = world.arm("PSM1")
-    arm.set_mode("effort", ["yaw"])
-    arm.set_gains("pitch", p=60.0)
-    arm.use_gravity_compensation(False)
+    arm.joints.set_mode("effort", ["yaw"])
+    arm.joints.set_gains("pitch", p=60.0)
+    arm.joints.use_gravity_compensation(False)
     arm.servo_jf([0.2, 0, 0, 0, 0, 0])
 
 
 def paused(world: World) -> None:
-    world.arm("PSM1").pause()
+    world.arm("PSM1").state_command("pause")
     if "ECM" in world.arms:
         world.arm("ECM").disable()
 
 
 def locked(world: World) -> None:
     master = world.arm("MTML")
-    master.lock_orientation()
-    master.servo_cf([0.1, 0.2, 0.0, 0.0, 0.0, 0.0])
+    master.forces.lock_orientation()
+    master.body.servo_cf([0.1, 0.2, 0.0, 0.0, 0.0, 0.0])
     assert master.gripper is not None
     master.gripper.squeeze_to(0.0)
 
@@ -88,8 +88,8 @@ def same(one: World, other: World, steps: int) -> None:
     np.testing.assert_array_equal(numbers(one), numbers(other))
     for name, arm in one.arms.items():
         twin = other.arm(name)
-        np.testing.assert_array_equal(arm.readings(), twin.readings())
-        assert arm.snapshot(None).modes == twin.snapshot(None).modes
+        np.testing.assert_array_equal(arm.joints.readings(), twin.joints.readings())
+        assert arm.runtime.snapshot(None).modes == twin.runtime.snapshot(None).modes
         now, then = arm.operating_state(), twin.operating_state()
         assert (now.state, now.is_homed, now.is_busy) == (then.state, then.is_homed, then.is_busy)
 
@@ -150,7 +150,7 @@ def test_loading_into_the_same_world_ends_its_moves_and_begins_those_of_the_stat
     world.step(50)
     world.load(state)
     assert first.done and not first.goal_reached
-    assert arm.busy
+    assert arm.operating_state().is_busy
     world.step(3000)
     np.testing.assert_array_equal(arm.setpoint_js().position, GOAL)
 
@@ -201,7 +201,7 @@ def test_many_worlds_share_one_model_and_none_writes_to_it():
     model = build("psm", ModelOptions(friction="paper"))
     one, two = World(model), World(model)
     before = model.mj.actuator_biasprm.copy()
-    one.arm("PSM1").set_gains("yaw", p=5.0)
+    one.arm("PSM1").joints.set_gains("yaw", p=5.0)
     one.arm("PSM1").disable()
     one.step(50)
     two.step(50)

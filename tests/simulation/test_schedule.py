@@ -112,16 +112,16 @@ def test_what_acts_enters_a_step_at_its_period_only() -> None:
     assert found["World.step"] == 400
     assert found["Supervision.before_step"] == found["Supervision.balance"] == 20
     assert found["Drives.renew"] == 40
-    assert found["Arm.follow"] == 0
+    assert found["ArmRuntime.follow"] == 0
     world.arm("PSM1").move_jp([0.1, 0.0, 0.1, 0.0, 0.0, 0.0])
-    assert calls_of(world, 50)["Arm.follow"] == 50
+    assert calls_of(world, 50)["ArmRuntime.follow"] == 50
 
 
 def test_arms_are_looked_over_after_commands_alone() -> None:
     world = World("two_psm_ecm")
     world.step(1)
     assert calls_of(world, 100)["World._attend"] == 0
-    world.arm("PSM1").servo_jp(world.arm("PSM1").setpoints()[:6])
+    world.arm("PSM1").servo_jp(world.arm("PSM1").joints.setpoints()[:6])
     assert calls_of(world, 100)["World._attend"] == 1
 
 
@@ -146,6 +146,6 @@ def test_a_script_that_moves_an_arm_moves_it_alike_however_steps_are_grouped(
         world = World(rig, errors=errors)
         for chunk in chunks:
             world.step(chunk)
-        assert world.arm("ECM").setpoints()[0] > 0.002
+        assert world.arm("ECM").joints.setpoints()[0] > 0.002
         found.add(world.save().row.tobytes())
     assert len(found) == 1

@@ -80,7 +80,7 @@ def touching(world: World, name: str = "touch") -> ContactsReading:
 
 
 def efforts(world: World) -> Array:
-    readings = [world.sensor(name) for name in world.arm("PSM1").joint_names]
+    readings = [world.sensor(name) for name in world.arm("PSM1").joints.names]
     return np.array([r.effort for r in readings if isinstance(r, EffortReading)])
 
 
@@ -107,7 +107,7 @@ def hold(world: World, q: list[float], periods: int) -> Array:
     arm = world.arm("PSM1")
     world.set_state("PSM1", np.array(q))
     world.step(periods)
-    return arm.readings()[0]
+    return arm.joints.readings()[0]
 
 
 def state(world: World) -> Array:
@@ -133,7 +133,7 @@ def test_an_effort_says_whose_it_is_and_in_which_unit(tmp_path: Path) -> None:
     assert slide.units == {"effort": "N"}
     world.step(20)
     assert world.sensor("yaw").time == world.time
-    np.testing.assert_array_equal(efforts(world), world.arm("PSM1").readings()[2])
+    np.testing.assert_array_equal(efforts(world), world.arm("PSM1").joints.readings()[2])
 
 
 # ------------------------------------------------------------------ tip_wrench
@@ -151,7 +151,7 @@ def test_a_known_force_at_the_tip_is_read_in_the_tips_own_axes(
     number = world.mj_model.body(f"PSM1/{body}").id
     world.mj_data.xfrc_applied[number] = [*force, *torque]
     world.step(50)
-    at = world.arm("PSM1").readings()[0]
+    at = world.arm("PSM1").joints.readings()[0]
     tip = frame_in_world(world, "tip", at)
     massed = next(b for b in world.rig.arm("PSM1").arm.bodies if b.frame == body)
     centre = frame_in_world(world, body, at) @ [*massed.com, 1.0]
@@ -172,7 +172,7 @@ def test_the_worlds_own_tip_load_is_read_while_the_arm_moves(tmp_path: Path) -> 
     for _ in range(40):
         world.step(10)
         root = frame_in_world(world, "base", POSES[0], "PSM2")
-        tip = frame_in_world(world, "tip", arm.readings()[0], "PSM2")
+        tip = frame_in_world(world, "tip", arm.joints.readings()[0], "PSM2")
         # The load is renewed every 5 ms, in the pose at its period's beginning.
         applied = root[:3, :3] @ (5.0 * load_direction(world.time - 0.005))
         reading = wrench(world)
@@ -200,7 +200,7 @@ def test_motors_that_press_a_tool_on_the_table_balance_weight_and_wrench(tmp_pat
     arm.move_jp([0.1, -0.15, 0.205, 0.4, 0.2, -0.1]).wait(5.0)
     arm.move_jp([0.1, -0.15, 0.240, 0.4, 0.2, -0.1]).wait(5.0)
     world.step(4000)
-    at = arm.readings()[0]
+    at = arm.joints.readings()[0]
     reading = wrench(world)
     assert np.linalg.norm(reading.force) > 3.0
     jacobian = jacobian_body(arm.description.mechanism, at)
@@ -263,7 +263,7 @@ def test_the_table_pushes_up_within_its_friction_and_as_hard_as_the_tool_presses
         assert contact.force[2] > 0.0
         assert np.linalg.norm(contact.force[:2]) <= 1.0 * contact.force[2]  # CONTACT_FRICTION
     total = sum((c.force for c in reading.contacts), np.zeros(3))
-    tip = frame_in_world(world, "tip", arm.readings()[0])
+    tip = frame_in_world(world, "tip", arm.joints.readings()[0])
     np.testing.assert_allclose(total, tip[:3, :3] @ wrench(world).force, atol=1e-3)
     pressed = arm.measured_js().effort[2]  # along the vertical shaft, gravity compensated
     assert total[2] == pytest.approx(pressed, rel=0.01)
@@ -402,7 +402,7 @@ def test_a_turning_shaft_pulls_inward_by_omega_squared_r(tmp_path: Path) -> None
     world.set_state("PSM1", q[0], v[0])
     world.play({"PSM1": q[1:]}, {"PSM1": v[1:]}, every=5)
     reading = inertial(world)
-    spin = world.arm("PSM1").readings()[1][3]
+    spin = world.arm("PSM1").joints.readings()[1][3]
     assert spin > 5.0
     assert abs(reading.angular_velocity[2]) == pytest.approx(spin, rel=1e-3)
     assert reading.linear_acceleration[0] == pytest.approx(-(spin**2) * 0.03, rel=0.01)
@@ -447,7 +447,7 @@ def test_an_imu_stands_on_a_welded_setup_joint_too(tmp_path: Path) -> None:
     )
     for setup in ("locked", "braked"):
         world = World("suj_two_psm_ecm", setup_joints=setup)
-        joint = world.arm("SUJ_PSM1").joint_names[0]
+        joint = world.arm("SUJ_PSM1").joints.names[0]
         path = rig_with(tmp_path, sensors.format(joint), "suj_two_psm_ecm")
         world = World(path, setup_joints=setup)
         world.step(5)

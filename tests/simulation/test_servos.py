@@ -52,7 +52,11 @@ def test_compiled_gains_are_the_descriptions(rig, control):
     world = World(rig, control=control)
     for rig_arm in world.rig.arms:
         for joint, expected in rig_arm.arm.control[control].pid.items():
-            assert world.arm(rig_arm.name).gains(joint) == (expected.p, expected.i, expected.d)
+            assert world.arm(rig_arm.name).joints.gains(joint) == (
+                expected.p,
+                expected.i,
+                expected.d,
+            )
             assert compiled_gains(world, rig_arm.name, joint) == (
                 expected.p,
                 expected.i,
@@ -68,10 +72,10 @@ def compiled_gains(world: World, arm: str, joint: str) -> tuple[float, float, fl
 def test_changed_gains_reach_the_model_and_the_others_stay():
     world = World("psm")
     arm = world.arm("PSM1")
-    before = arm.gains("pitch")
-    arm.set_gains("yaw", p=50.0, d=2.0)
-    assert compiled_gains(world, "PSM1", "yaw") == (50.0, 0.0, 2.0) == arm.gains("yaw")
-    arm.set_gains("yaw", i=3.0)
+    before = arm.joints.gains("pitch")
+    arm.joints.set_gains("yaw", p=50.0, d=2.0)
+    assert compiled_gains(world, "PSM1", "yaw") == (50.0, 0.0, 2.0) == arm.joints.gains("yaw")
+    arm.joints.set_gains("yaw", i=3.0)
     assert compiled_gains(world, "PSM1", "yaw") == (50.0, 3.0, 2.0)
     assert compiled_gains(world, "PSM1", "pitch") == before
 
@@ -85,8 +89,8 @@ def test_a_load_leaves_load_over_stiffness():
     arm.servo_jp(q)
     world.step(3000)
     sag = q - arm.measured_js().position
-    load = holding_efforts(world.rig.arm("PSM1").arm, arm.readings()[0])
-    stiffness = [arm.gains(name)[0] for name in arm.measured_js().name]
+    load = holding_efforts(world.rig.arm("PSM1").arm, arm.joints.readings()[0])
+    stiffness = [arm.joints.gains(name)[0] for name in arm.measured_js().name]
     np.testing.assert_allclose(sag, load[:6] / stiffness, atol=2e-7)  # still settling
     assert np.abs(sag[:2]).max() > 1e-3  # there is something to see
 
@@ -95,8 +99,8 @@ def test_the_integral_takes_a_lasting_error_away():
     world = World("psm", friction="paper", gravity_compensation=False)
     arm = world.arm("PSM1")
     q = np.array([0.4, 0.3, 0.12, 0.0, 0.0, 0.0])
-    arm.set_gains("yaw", i=200.0)
-    arm.set_gains("pitch", i=200.0)
+    arm.joints.set_gains("yaw", i=200.0)
+    arm.joints.set_gains("pitch", i=200.0)
     world.set_state("PSM1", np.append(q, 0.0))
     world.step(8000)
     assert np.abs(q - arm.measured_js().position)[:2].max() < 1e-6
@@ -107,7 +111,7 @@ def test_the_motors_limits_are_as_the_control_set_has_them(control):
     """The dVRK limits efforts, the paper does not; a jaw's grip is limited under both."""
     world = World("psm", control=control)
     described = load_rig("psm").arms[0].arm.joints
-    limits = world.arm("PSM1").effort_limit
+    limits = world.arm("PSM1").joints.effort_limit
     assert limits[-1] == described[-1].effort_max == 0.16
     if control == "dvrk":
         np.testing.assert_array_equal(limits, [j.effort_max for j in described])

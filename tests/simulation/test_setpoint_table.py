@@ -27,8 +27,10 @@ def test_playing_is_servoing_at_the_same_ticks_bit_for_bit(rig):
         arm.servo_jp(q[row, :6], v[row, :6])
         arm.jaw.servo_jp(q[row, 6:], v[row, 6:])
         served.step(5)
-        np.testing.assert_array_equal(recording.positions["PSM1"][row], arm.readings()[0])
-        np.testing.assert_allclose(recording.efforts["PSM1"][row], arm.readings()[2], atol=1e-12)
+        np.testing.assert_array_equal(recording.positions["PSM1"][row], arm.joints.readings()[0])
+        np.testing.assert_allclose(
+            recording.efforts["PSM1"][row], arm.joints.readings()[2], atol=1e-12
+        )
     for one, other in (
         (played.mj_data.qpos, served.mj_data.qpos),
         (played.mj_data.qvel, served.mj_data.qvel),
@@ -55,7 +57,7 @@ def test_samples_beyond_a_limit_are_clipped_and_counted():
     world = World("psm")
     recording = world.play({"PSM1": q})
     assert recording.clipped == {"PSM1": 5}
-    inside = np.clip(q, world.arm("PSM1").lower, world.arm("PSM1").upper)
+    inside = np.clip(q, world.arm("PSM1").joints.lower, world.arm("PSM1").joints.upper)
     other = World("psm")
     assert other.play({"PSM1": inside}).clipped == {"PSM1": 0}
     np.testing.assert_array_equal(world.mj_data.qpos, other.mj_data.qpos)
@@ -74,7 +76,7 @@ def test_a_recording_has_a_row_for_each_and_none_when_not_wanted():
 def test_played_efforts_drive_joints_in_effort_mode_and_persist():
     world = World("psm", friction="paper")
     arm = world.arm("PSM1")
-    arm.set_mode("effort", ["yaw"])
+    arm.joints.set_mode("effort", ["yaw"])
     q, _ = table(10)
     effort = np.zeros_like(q)
     effort[:, :2] = 0.3
@@ -82,7 +84,7 @@ def test_played_efforts_drive_joints_in_effort_mode_and_persist():
     assert arm.measured_js().velocity[0] > 0.05
     np.testing.assert_array_equal(arm.setpoint_js().effort, [0.3, 0, 0, 0, 0, 0])
     assert arm.jaw is not None
-    arm.set_mode("effort", ["jaw"])
+    arm.joints.set_mode("effort", ["jaw"])
     arm.jaw.servo_jf([0.0])  # a command for the jaw leaves the arm's efforts alone
     assert world.servos.commanded[0] == 0.3
 
@@ -148,6 +150,6 @@ def test_arms_that_cannot_follow_a_table_are_told():
         world.play({"PSM9": np.zeros((2, 7))})
     with pytest.raises(InputError, match="SUJ_PSM1: the brakes are locked"):
         world.play({"SUJ_PSM1": np.zeros((2, 6))})
-    world.arm("PSM1").set_mode("set", ["yaw"])
+    world.arm("PSM1").joints.set_mode("set", ["yaw"])
     with pytest.raises(InputError, match='joints in mode "set" follow servo_jp only'):
         world.play({"PSM1": np.zeros((2, 7))})

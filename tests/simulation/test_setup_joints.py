@@ -31,7 +31,7 @@ def test_brakes_are_locked_and_hold_ten_newtons():
     """An arm that is pushed at its tip with 10 N moves its setup joints by less than 10 nm."""
     world = World(RIG, tip_load_n=10.0)
     setup = world.arm("SUJ_PSM1")
-    assert setup.brakes == dict.fromkeys(setup.joint_names, True)
+    assert setup.brakes == dict.fromkeys(setup.joints.names, True)
     before, centre = setup.measured_js().position, world.remote_centres()["PSM1"]
     world.step(1000)
     assert np.abs(setup.measured_js().position - before).max() < 1e-8
@@ -51,7 +51,7 @@ def test_motors_behind_locked_brakes_exert_nothing(world):
     setup = world.arm("SUJ_PSM1")
     world.step(100)
     assert not setup.measured_js().effort.any()
-    setup.release_brakes()
+    setup.brakes.release()
     world.step(100)
     assert setup.measured_js().effort[0] > 100.0
 
@@ -59,11 +59,11 @@ def test_motors_behind_locked_brakes_exert_nothing(world):
 def test_released_joints_move_and_what_hangs_on_them_follows(world):
     setup = world.arm("SUJ_PSM1")
     goal = setup.measured_js().position + np.array([0.05, 0.1, -0.1, 0.05, 0.1, -0.1])
-    setup.release_brakes()
+    setup.brakes.release()
     assert not any(setup.brakes.values())
     assert setup.move_jp(goal).wait(20.0)
     world.step(1500)
-    setup.lock_brakes()
+    setup.brakes.lock()
     assert all(setup.brakes.values())
     reached = setup.measured_js().position
     np.testing.assert_allclose(reached, goal, atol=2e-3)  # dry friction over the servo's stiffness
@@ -73,7 +73,7 @@ def test_released_joints_move_and_what_hangs_on_them_follows(world):
     root = world.snapshot().positions[body]
     np.testing.assert_allclose(
         root,
-        Places(world.rig, lambda name: world.arm(name).positions()).root_pose("PSM1")[:3, 3],
+        Places(world.rig, lambda name: world.arm(name).joints.positions()).root_pose("PSM1")[:3, 3],
         atol=1e-9,
     )
     world.step(1000)
@@ -83,7 +83,7 @@ def test_released_joints_move_and_what_hangs_on_them_follows(world):
 def test_releasing_and_locking_do_not_move_anything(world):
     setup = world.arm("SUJ_PSM1")
     before = setup.measured_js().position
-    for change in (setup.release_brakes, setup.lock_brakes, setup.release_brakes):
+    for change in (setup.brakes.release, setup.brakes.lock, setup.brakes.release):
         change()
         world.step(200)
         assert np.abs(setup.measured_js().position - before).max() < 1e-4
@@ -96,8 +96,8 @@ def test_moves_are_rejected_while_every_brake_is_locked(world):
     assert motion.done
     assert not motion.goal_reached
     assert not setup.servo_jp(before + 0.1)
-    assert setup.warnings == 2
-    assert "release them first" in setup.last_warning
+    assert setup.rejections.count == 2
+    assert "release them first" in setup.rejections.last
     np.testing.assert_array_equal(setup.setpoint_js().position, before)
     world.step(100)
     np.testing.assert_allclose(setup.measured_js().position, before, atol=1e-6)
@@ -106,12 +106,14 @@ def test_moves_are_rejected_while_every_brake_is_locked(world):
 def test_with_some_brakes_released_only_those_joints_move(world):
     setup = world.arm("SUJ_PSM1")
     before = setup.measured_js().position
-    setup.release_brakes(["suj_2", "suj_4"])
+    setup.brakes.release(["suj_2", "suj_4"])
     assert [name for name, locked in setup.brakes.items() if not locked] == ["suj_2", "suj_4"]
     goal = before + 0.1
     motion = setup.move_jp(goal)
-    assert setup.warnings == 1
-    assert setup.last_warning == ("move_jp: suj_1, suj_3, suj_5, suj_6 stays: its brake is locked")
+    assert setup.rejections.count == 1
+    assert setup.rejections.last == (
+        "move_jp: suj_1, suj_3, suj_5, suj_6 stays: its brake is locked"
+    )
     assert motion.wait(20.0)
     world.step(1000)
     reached = setup.measured_js().position
@@ -127,19 +129,19 @@ def test_a_move_of_released_joints_alone_warns_of_nothing(world):
     """Locked joints may be sent back as they were read."""
     setup = world.arm("SUJ_PSM1")
     world.step(200)
-    setup.release_brakes(["suj_2"])
+    setup.brakes.release(["suj_2"])
     goal = setup.measured_js().position
     goal[1] += 0.05
     assert setup.servo_jp(goal)
-    assert setup.warnings == 0
+    assert setup.rejections.count == 0
 
 
 def test_locking_during_a_move_stops_it(world):
     setup = world.arm("SUJ_PSM1")
-    setup.release_brakes()
+    setup.brakes.release()
     motion = setup.move_jp(setup.measured_js().position + 0.1)
     world.step(200)
-    setup.lock_brakes()
+    setup.brakes.lock()
     assert motion.done
     assert not motion.goal_reached
     stopped = setup.measured_js().position
@@ -150,14 +152,16 @@ def test_locking_during_a_move_stops_it(world):
 def test_potentiometers_read_positions_with_offset_and_seeded_noise(world):
     setup = world.arm("SUJ_PSM1")
     clean = setup.measured_js().position
-    np.testing.assert_array_equal(setup.potentiometers(), clean)
+    np.testing.assert_array_equal(setup.joints.potentiometers(), clean)
     offset = np.linspace(-0.01, 0.01, 6)
-    np.testing.assert_array_equal(setup.potentiometers(offset=offset), clean + offset)
-    one = setup.potentiometers(0.002, rng=np.random.default_rng(5))
-    np.testing.assert_array_equal(one, setup.potentiometers(0.002, rng=np.random.default_rng(5)))
-    assert (one != setup.potentiometers(0.002, rng=np.random.default_rng(6))).all()
+    np.testing.assert_array_equal(setup.joints.potentiometers(offset=offset), clean + offset)
+    one = setup.joints.potentiometers(0.002, rng=np.random.default_rng(5))
+    np.testing.assert_array_equal(
+        one, setup.joints.potentiometers(0.002, rng=np.random.default_rng(5))
+    )
+    assert (one != setup.joints.potentiometers(0.002, rng=np.random.default_rng(6))).all()
     rng = np.random.default_rng(7)
-    many = np.array([setup.potentiometers(0.002, rng=rng) for _ in range(2000)]) - clean
+    many = np.array([setup.joints.potentiometers(0.002, rng=rng) for _ in range(2000)]) - clean
     assert many.std() == pytest.approx(0.002, rel=0.05)
     assert abs(many.mean()) < 1e-4
     np.testing.assert_array_equal(setup.measured_js().position, clean)
@@ -174,16 +178,16 @@ def test_potentiometers_read_positions_with_offset_and_seeded_noise(world):
 )
 def test_impossible_potentiometers_are_rejected(world, arguments, message):
     with pytest.raises(InputError, match=message):
-        world.arm("SUJ_PSM1").potentiometers(**arguments)
+        world.arm("SUJ_PSM1").joints.potentiometers(**arguments)
 
 
 def test_only_setup_joints_have_brakes(world):
     psm = world.arm("PSM1")
     assert psm.brakes == {}
     with pytest.raises(InputError, match="PSM1: has no brakes"):
-        psm.release_brakes()
+        psm.brakes.release()
     with pytest.raises(UnknownNameError, match="suj_1, suj_2"):
-        world.arm("SUJ_PSM1").release_brakes(["yaw"])
+        world.arm("SUJ_PSM1").brakes.release(["yaw"])
 
 
 def test_welded_setup_joints_stand_where_braked_ones_start(world):
@@ -212,12 +216,12 @@ def test_welded_setup_joints_neither_move_nor_change():
     before = setup.measured_js().position
     assert not setup.servo_jp(before + 0.1)
     assert setup.move_jp(before + 0.1).done
-    assert setup.warnings == 2
-    assert "welded" in setup.last_warning
+    assert setup.rejections.count == 2
+    assert "welded" in setup.rejections.last
     for change in (
-        lambda: setup.set_mode("effort"),
-        setup.release_brakes,
-        setup.lock_brakes,
+        lambda: setup.joints.set_mode("effort"),
+        setup.brakes.release,
+        setup.brakes.lock,
         lambda: world.set_state("SUJ_PSM1", before),
     ):
         with pytest.raises(InputError, match="welded into the model"):
@@ -236,7 +240,7 @@ def test_welded_arms_move_as_braked_ones():
         world = World(RIG, setup_joints=setup_joints)
         world.arm("PSM1").move_jp(goal)
         world.step(800)
-        ends.append(world.arm("PSM1").readings()[0])
+        ends.append(world.arm("PSM1").joints.readings()[0])
     np.testing.assert_allclose(ends[0], ends[1], atol=1e-5)
 
 
@@ -245,7 +249,7 @@ def test_other_arms_are_welded_by_name_where_they_start() -> None:
     free, ecm = World("training"), world.arm("ECM")
     assert world.mj_model.nv < free.mj_model.nv
     assert not ecm.servo_jp(ecm.measured_js().position + 0.1)
-    assert "welded" in ecm.last_warning
+    assert "welded" in ecm.rejections.last
     world.step(100)
     np.testing.assert_array_equal(ecm.measured_js().position, free.rig.poses["start"]["ECM"])
     seen, there = (w.camera("endoscope").T_world_camera for w in (world, free))

@@ -59,7 +59,7 @@ VERBS = [
     lambda arm: arm.servo_jf([1.0, 0, 0, 0, 0, 0]),
     lambda arm: arm.servo_cp(arm.setpoint_cp().T),
     lambda arm: arm.servo_cr(np.eye(4)),
-    lambda arm: arm.servo_cf([0, 0, 5.0, 0, 0, 0]),
+    lambda arm: arm.body.servo_cf([0, 0, 5.0, 0, 0, 0]),
     lambda arm: arm.move_jp(GOAL).wait(1.0),
     lambda arm: arm.move_jr([0.1, 0, 0, 0, 0, 0]).wait(1.0),
     lambda arm: arm.move_cp(arm.setpoint_cp().T).wait(1.0),
@@ -78,20 +78,20 @@ def test_no_verb_moves_an_arm_that_is_not_ready(how):
     if how == "disabled":
         arm.disable()
     elif how == "not homed":
-        arm.unhome()
+        arm.state_command("unhome")
     elif how == "paused":
-        arm.pause()
+        arm.state_command("pause")
     else:
-        arm.fault("a test")
-    before, state_before = arm.readings()[0], state(arm)
+        arm.runtime.states.fault("a test")
+    before, state_before = arm.joints.readings()[0], state(arm)
     setpoint = arm.setpoint_js().position
     for count, verb in enumerate(VERBS, 1):
         assert not verb(arm)
-        assert arm.warnings == count
+        assert arm.rejections.count == count
         assert state(arm) == state_before
         world.step(20)
         np.testing.assert_array_equal(arm.setpoint_js().position, setpoint)
-    np.testing.assert_allclose(arm.readings()[0], before, atol=2e-4)
+    np.testing.assert_allclose(arm.joints.readings()[0], before, atol=2e-4)
 
 
 def test_homing_enables_brings_the_arm_home_and_only_then_lets_it_move(off):
@@ -127,13 +127,13 @@ def test_an_arm_that_is_home_goes_there_once_more_unless_it_is_asked_as_the_hard
 def test_an_arm_that_does_not_arrive_home_is_in_fault_after_two_seconds(off, caplog):
     arm = off.arm("PSM1")
     off.set_state("PSM1", np.array([0.3, *HOME[1:], 0.0]))
-    arm.set_gains("yaw", p=0.1, d=0.0)
+    arm.joints.set_gains("yaw", p=0.1, d=0.0)
     motion = arm.home()
     arrived = None
     with caplog.at_level(logging.ERROR):
         for _ in range(20000):
             off.step()
-            if arrived is None and not arm.busy:
+            if arrived is None and not arm.runtime.control.moves.legs:
                 arrived = off.time
             if motion.done:
                 break
@@ -161,13 +161,13 @@ def test_a_paused_arm_holds_and_takes_commands_again_after_resume():
     arm = world.arm("PSM1")
     motion = arm.move_jp(GOAL)
     world.step(200)
-    assert arm.pause()
+    assert arm.state_command("pause")
     assert motion.done
     assert not motion.goal_reached
     held = arm.setpoint_js().position
     world.step(500)
     np.testing.assert_array_equal(arm.setpoint_js().position, held)
-    assert arm.resume()
+    assert arm.state_command("resume")
     assert arm.move_jp(GOAL).wait(5.0)
 
 
@@ -187,14 +187,14 @@ def test_state_commands_that_do_not_fit_are_rejected(before, verb, allowed):
     was = state(arm)
     assert not arm.state_command(verb)
     assert state(arm) == was
-    assert allowed in arm.last_warning
+    assert allowed in arm.rejections.last
 
 
 def test_an_unknown_state_command_lists_the_known_ones():
     arm = World("psm").arm("PSM1")
     assert not arm.state_command("dance")
-    assert "'dance'" in arm.last_warning
-    assert "enable, disable, home, unhome, pause, resume" in arm.last_warning
+    assert "'dance'" in arm.rejections.last
+    assert "enable, disable, home, unhome, pause, resume" in arm.rejections.last
 
 
 def test_a_tracking_error_is_a_fault_that_names_the_joint(caplog):
@@ -230,15 +230,15 @@ def test_a_fault_names_an_error_beyond_what_is_allowed(errors: str):
     arm = world.arm("ECM")
     while arm.operating_state().state == "ENABLED":
         world.step(20)
-    found = re.search(r"insertion \(([\d.]+) m, allowed ([\d.]+)\)", arm.last_warning)
-    assert found is not None, arm.last_warning
-    assert float(found[1]) >= float(found[2]), arm.last_warning
+    found = re.search(r"insertion \(([\d.]+) m, allowed ([\d.]+)\)", arm.rejections.last)
+    assert found is not None, arm.rejections.last
+    assert float(found[1]) >= float(found[2]), arm.rejections.last
 
 
 def test_in_effort_mode_there_is_no_tracking_error():
     world = World("psm")
     arm = world.arm("PSM1")
-    arm.use_gravity_compensation(False)
+    arm.joints.use_gravity_compensation(False)
     assert arm.free()
     world.step(1500)
     assert np.abs(arm.measured_js().position - arm.setpoint_js().position).max() > 0.5
@@ -249,7 +249,7 @@ def test_a_fault_ends_by_enabling_and_the_arm_stays_homed():
     world = World("psm")
     arm = world.arm("PSM1")
     world.step(200)
-    arm.fault("a test")
+    arm.runtime.states.fault("a test")
     before = arm.measured_js().position
     world.step(100)
     assert arm.enable()
@@ -281,9 +281,9 @@ def test_a_table_that_is_rejected_leaves_a_free_arm_free():
     for wrong in ({"PSM1": np.zeros((3, 2))}, {"PSM1": np.full((3, 7), np.nan)}):
         with pytest.raises(InputError):
             world.play(wrong)
-    assert set(arm.snapshot(None).modes[:6]) == {"effort"}
+    assert set(arm.runtime.snapshot(None).modes[:6]) == {"effort"}
     world.play({"PSM1": np.tile([*HOME, 0.0], (3, 1))})
-    assert set(arm.snapshot(None).modes) == {"position"}
+    assert set(arm.runtime.snapshot(None).modes) == {"position"}
 
 
 def test_a_reset_returns_to_the_states_that_the_world_began_in():

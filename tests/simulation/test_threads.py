@@ -80,7 +80,7 @@ def held_in_a_jaw(text: str = HELD) -> World:
     along = tip[:3, 0]  # across the pads' closing, in their faces
     turn = np.column_stack([along, tip[:3, 1], np.cross(along, tip[:3, 1])])
     thread.set_cp(transform(turn, middle - 6e-3 * along))
-    q = arm.motors.position.copy()
+    q = arm.runtime.motors.position.copy()
     q[-1] = 0.05
     world.set_state("PSM1", q)
     assert arm.jaw is not None

@@ -29,15 +29,15 @@ def busy_cart() -> World:
     """A cart in which everything that can be set is set, and much is under way."""
     world = World("full_cart", collisions=False)
     world.set_state("PSM3", np.array([0.1, -0.2, 0.1, 0.3, 0.2, -0.1, 0.4]), np.full(7, 0.1))
-    world.arm("PSM2").set_gains("yaw", p=111.0, i=3.0, d=7.0)
-    world.arm("PSM2").set_trajectory_ratio(0.5)
+    world.arm("PSM2").joints.set_gains("yaw", p=111.0, i=3.0, d=7.0)
+    world.arm("PSM2").joints.set_trajectory_ratio(0.5)
     world.arm("PSM2").move_to("work")
     jaw_of(world, "PSM2").open()
-    world.arm("PSM3").set_mode("effort", ["roll"])
+    world.arm("PSM3").joints.set_mode("effort", ["roll"])
     world.arm("PSM3").servo_jf([0.0, 0.0, 0.0, 0.02, 0.0, 0.0])
-    world.arm("PSM3").use_gravity_compensation(False)
-    world.arm("ECM").set_mode("set", ["insertion"])
-    world.arm("SUJ_ECM").release_brakes()
+    world.arm("PSM3").joints.use_gravity_compensation(False)
+    world.arm("ECM").joints.set_mode("set", ["insertion"])
+    world.arm("SUJ_ECM").brakes.release()
     world.arm("SUJ_PSM2").disable()
     world.step(137)
     assert all(arm.operating_state().state != "FAULT" for arm in world.arms.values())
@@ -84,8 +84,8 @@ def test_every_other_arm_keeps_its_state_bit_for_bit() -> None:
             np.testing.assert_array_equal(getattr(old, part), getattr(new, part), err_msg=name)
         for part in ("modes", "locked", "busy", "state", "homed", "warnings", "tool"):
             assert getattr(old, part) == getattr(new, part), (name, part)
-    assert world.arm("PSM2").gains("yaw") == (111.0, 3.0, 7.0)
-    assert world.arm("PSM2").trajectory_ratio == (0.5, 0.5)
+    assert world.arm("PSM2").joints.gains("yaw") == (111.0, 3.0, 7.0)
+    assert world.arm("PSM2").joints.trajectory_ratio == (0.5, 0.5)
 
 
 def test_the_moves_of_other_arms_go_on_as_if_nothing_had_happened() -> None:
@@ -111,22 +111,22 @@ def test_the_arm_keeps_its_place_and_its_new_wrist_is_straight() -> None:
     arm.move_to("work").wait(5.0)
     motion = arm.move_jp([0.0, 0.0, 0.1, 0.0, 0.0, 0.0])
     world.step(50)
-    before, setpoint_before = arm.readings()[0], arm.setpoint_js().position
+    before, setpoint_before = arm.joints.readings()[0], arm.setpoint_js().position
     world.exchange_tool("PSM1", MARYLAND)
-    q, qd, _ = arm.readings()
+    q, qd, _ = arm.joints.readings()
     setpoint = arm.setpoint_js().position
     np.testing.assert_array_equal(q[:4], before[:4])
     assert q[4:].tolist() == [0.0, 0.0, 0.0] and not qd.any()
     np.testing.assert_array_equal(setpoint[:4], setpoint_before[:4])
     assert motion.done and not motion.goal_reached
     assert world.arm("PSM1") is arm and arm.jaw is jaw
-    assert arm.tool == MARYLAND == world.rig.arm("PSM1").arm.tool
-    np.testing.assert_allclose(arm.upper[3:6], [4.4506, 1.2217, np.pi / 2])
-    tip = arm.local_measured_cp().T
+    assert arm.description.tool == MARYLAND == world.rig.arm("PSM1").arm.tool
+    np.testing.assert_allclose(arm.joints.upper[3:6], [4.4506, 1.2217, np.pi / 2])
+    tip = arm.local.measured_cp().T
     assert tip[:3, 3] == pytest.approx(arm.forward_kinematics(q[:6]).T[:3, 3])
     world.step(500)
-    assert np.abs(arm.readings()[0][:6] - setpoint).max() < 2e-3
-    assert arm.move_to("work").wait(5.0) and arm.warnings == 0
+    assert np.abs(arm.joints.readings()[0][:6] - setpoint).max() < 2e-3
+    assert arm.move_to("work").wait(5.0) and arm.rejections.count == 0
 
 
 def test_a_roll_beyond_the_new_limit_is_clipped_with_a_warning(
@@ -135,7 +135,7 @@ def test_a_roll_beyond_the_new_limit_is_clipped_with_a_warning(
     world = World("psm")
     world.set_state("PSM1", np.array([0.0, 0.0, 0.12, 4.5, 0.0, 0.0, 0.0]))
     world.exchange_tool("PSM1", MARYLAND)
-    assert world.arm("PSM1").readings()[0][3] == 4.4506
+    assert world.arm("PSM1").joints.readings()[0][3] == 4.4506
     assert f"PSM1: roll clipped from 4.5 to 4.4506, the limit of {MARYLAND}" in caplog.messages
 
 
@@ -148,31 +148,35 @@ def test_the_jaw_has_the_new_limits() -> None:
     jaw.servo_jp([-0.6])
     assert jaw.setpoint_js().position[0] == -0.349066
     assert jaw.close().wait(2.0) and jaw.open().wait(2.0)
-    assert world.arm("PSM1").effort_limit[6] == 0.16
+    assert world.arm("PSM1").joints.effort_limit[6] == 0.16
     world.exchange_tool("PSM1", FENESTRATED)
-    assert world.arm("PSM1").effort_limit[6] == 0.19
+    assert world.arm("PSM1").joints.effort_limit[6] == 0.19
 
 
 def test_what_was_set_of_the_arm_stays_and_the_tool_brings_its_own() -> None:
     world = World("psm")
     arm = world.arm("PSM1")
-    arm.set_gains("pitch", p=99.0)
-    arm.set_gains("roll", p=1.5)
-    arm.use_gravity_compensation(False)
-    arm.set_trajectory_ratio(0.25)
-    arm.use_strict_limits(True)
-    arm.set_base_frame(np.eye(4), "table")
-    arm.set_mode("effort", ["yaw", "roll"])
+    arm.joints.set_gains("pitch", p=99.0)
+    arm.joints.set_gains("roll", p=1.5)
+    arm.joints.use_gravity_compensation(False)
+    arm.joints.set_trajectory_ratio(0.25)
+    arm.joints.use_strict_limits(True)
+    arm.local.set_base_frame(np.eye(4), "table")
+    arm.joints.set_mode("effort", ["yaw", "roll"])
     arm.servo_jp([np.nan] * 6)
-    rejected = arm.warnings
-    arm.set_tool_type(PROGRASP)
-    assert arm.gains("pitch") == (99.0, 0.0, 5.0) and arm.gains("roll") == (6.0, 0.0, 0.09)
-    assert arm.mode("yaw") == "effort" and arm.mode("roll") == "position"
-    assert not arm.gravity_compensation and arm.strict_limits
-    assert arm.trajectory_ratio == (0.25, 0.25)
+    rejected = arm.rejections.count
+    arm.runtime.set_tool_type(PROGRASP)
+    assert arm.joints.gains("pitch") == (99.0, 0.0, 5.0) and arm.joints.gains("roll") == (
+        6.0,
+        0.0,
+        0.09,
+    )
+    assert arm.joints.mode("yaw") == "effort" and arm.joints.mode("roll") == "position"
+    assert not arm.joints.gravity_compensation and arm.joints.strict_limits
+    assert arm.joints.trajectory_ratio == (0.25, 0.25)
     assert arm.measured_cp().frame_id == "table"
-    assert arm.warnings == rejected == 1
-    assert "nan" in arm.last_warning
+    assert arm.rejections.count == rejected == 1
+    assert "nan" in arm.rejections.last
 
 
 @pytest.mark.parametrize("verbs", [("disable",), ("pause",), ("unhome",), ("disable", "unhome")])
@@ -181,12 +185,12 @@ def test_an_arm_that_may_not_move_stays_so(verbs: tuple[str, ...]) -> None:
     arm = world.arm("PSM1")
     for verb in verbs:
         arm.state_command(verb)
-    before, q = arm.operating_state(), arm.readings()[0]
+    before, q = arm.operating_state(), arm.joints.readings()[0]
     world.exchange_tool("PSM1", PROGRASP)
     assert arm.operating_state() == before
-    assert arm.readings()[2].any() == ("disable" not in verbs)
+    assert arm.joints.readings()[2].any() == ("disable" not in verbs)
     world.step(300)
-    assert np.abs(arm.readings()[0] - q).max() < 1e-3
+    assert np.abs(arm.joints.readings()[0] - q).max() < 1e-3
     assert arm.move_jp([0.1, 0, 0.12, 0, 0, 0]).done
 
 
@@ -205,14 +209,14 @@ def test_reset_keeps_the_tool_and_goes_to_the_rig_s_pose() -> None:
     world.exchange_tool("PSM1", MARYLAND)
     world.arm("PSM1").move_to("work").wait(5.0)
     world.reset()
-    assert world.arm("PSM1").tool == MARYLAND
-    np.testing.assert_array_equal(world.arm("PSM1").readings()[0], [0, 0, 0.12, 0, 0, 0, 0])
+    assert world.arm("PSM1").description.tool == MARYLAND
+    np.testing.assert_array_equal(world.arm("PSM1").joints.readings()[0], [0, 0, 0.12, 0, 0, 0, 0])
 
 
 def test_all_that_looks_into_the_physics_looks_into_the_new_one() -> None:
     world = World("two_psm_ecm", tip_load_n=2.0)
     world.exchange_tool("PSM2", PROGRASP)
-    table = np.tile(world.arm("PSM2").poses["start"], (50, 1))
+    table = np.tile(world.arm("PSM2").joints.poses["start"], (50, 1))
     table[:, 0] += np.linspace(0.0, 0.02, 50)
     played = world.play({"PSM2": table})
     assert np.abs(played.positions["PSM2"][-1] - table[-1]).max() < 0.02
@@ -229,8 +233,8 @@ def test_a_tool_without_a_jaw_takes_it_away_and_another_gives_it_back() -> None:
     world = World("psm")
     arm, jaw = world.arm("PSM1"), jaw_of(world)
     world.exchange_tool("PSM1", "none")
-    assert (arm.jaw, arm.tool) == (None, "")
-    assert arm.joint_names == ("yaw", "pitch", "insertion")
+    assert (arm.jaw, arm.description.tool) == (None, "")
+    assert arm.joints.names == ("yaw", "pitch", "insertion")
     with pytest.raises(InputError, match="PSM1 has no jaw with this tool"):
         jaw.open()
     assert arm.move_jp([0.1, 0.0, 0.1]).wait(3.0)
@@ -273,7 +277,7 @@ def test_a_tool_that_cannot_be_mounted_changes_nothing(
     after = world.snapshot()
     assert world.mj_model is model and not motion.done
     np.testing.assert_array_equal(after.arms["PSM1"].q, before.arms["PSM1"].q)
-    assert world.arm("PSM1").tool == "LARGE_NEEDLE_DRIVER:400006"
+    assert world.arm("PSM1").description.tool == "LARGE_NEEDLE_DRIVER:400006"
 
 
 def test_an_exchange_is_one_command_and_its_repetition_the_same_motion() -> None:
@@ -281,7 +285,7 @@ def test_an_exchange_is_one_command_and_its_repetition_the_same_motion() -> None
     first.listen(entries.append)
     first.arm("PSM1").move_to("work")
     first.step(100)
-    first.arm("PSM1").set_tool_type(MARYLAND)
+    first.arm("PSM1").runtime.set_tool_type(MARYLAND)
     first.step(50)
     first.exchange_tool("PSM2", PROGRASP)
     first.arm("PSM2").move_jp([0.1, 0.1, 0.1, 0.1, 0.1, 0.1])
@@ -300,8 +304,8 @@ def test_an_exchange_is_one_command_and_its_repetition_the_same_motion() -> None
         apply_command(second, entry)
     second.step(first.periods - second.periods)
     for name, arm in first.arms.items():
-        again = second.arm(name).readings()
-        for one, other in zip(arm.readings(), again, strict=True):
+        again = second.arm(name).joints.readings()
+        for one, other in zip(arm.joints.readings(), again, strict=True):
             np.testing.assert_array_equal(one, other)
 
 
@@ -312,7 +316,7 @@ def test_every_tool_takes_the_place_of_every_other_without_a_warning(
     arm = world.arm("PSM1")
     with caplog.at_level(logging.WARNING):
         for tool in names("tools"):
-            arm.set_tool_type(tool)
+            arm.runtime.set_tool_type(tool)
             world.step(50)
             assert arm.move_jp([0.05, 0.05, 0.13, 0.2, 0.2, 0.2]).wait(3.0)
             world.step(100)

@@ -28,11 +28,11 @@ def test_a_tool_moves_for_a_second_without_a_warning(
         assert arm.jaw.open().wait(timeout_s=2.0)
         world.step(1000)
     assert not caplog.records
-    q = arm.readings()[0]
+    q = arm.joints.readings()[0]
     assert np.abs(q[:6] - goal)[[0, 1, 3, 4, 5]].max() < AT_REST_RAD
     assert abs(q[2] - goal[2]) < AT_REST_M
     assert abs(q[6] - np.deg2rad(60)) < AT_REST_RAD
     assert world.health().rcm_error_m < 1e-5
     arm.jaw.close().wait(timeout_s=2.0)
     world.step(500)
-    assert abs(arm.readings()[0][6]) < 1e-3  # shut on its stop
+    assert abs(arm.joints.readings()[0][6]) < 1e-3  # shut on its stop

@@ -48,12 +48,12 @@ def hinge_rates(world: World) -> np.ndarray:
 
 
 def arm_positions(world: World, name: str) -> np.ndarray:
-    return world.arm(name).readings()[0]
+    return world.arm(name).joints.readings()[0]
 
 
 def places(world: World, name: str, count: int = 5) -> np.ndarray:
     rng, arm = np.random.default_rng(4), world.arm(name)
-    return rng.uniform(arm.lower, arm.upper, (count, len(arm.lower)))
+    return rng.uniform(arm.joints.lower, arm.joints.upper, (count, len(arm.joints.lower)))
 
 
 @pytest.mark.parametrize(("kind", "name"), ARMS)
@@ -81,7 +81,7 @@ def test_jacobians_of_broken_loops_move_the_tip_as_the_constraints_do(
     arm, reader = world.arm(name), Reader(world.model)
     for q in places(world, name):
         world.set_state(name, q)
-        J = arm.jacobian(frame)
+        J = getattr(arm, frame).jacobian()
         np.testing.assert_allclose(J, tip_jacobian(world, name, frame), atol=AGREED)
         read = reader.read(world.sample()).arm(name)
         np.testing.assert_allclose(read.jacobian(frame), J, atol=AGREED)
@@ -111,7 +111,7 @@ def test_a_commanded_wrench_on_broken_loops_is_exerted_by_efforts_of_virtual_wor
     for q in places(world, name, 3):
         world.set_state(name, q)
         J = tip_jacobian(world, name, frame)
-        arm.servo_cf(WRENCH, frame)
+        getattr(arm, frame).servo_cf(WRENCH)
         world.step(1)
         efforts = world.servos.commanded[: J.shape[1]]
         np.testing.assert_allclose(efforts, J.T @ WRENCH, atol=AGREED)
@@ -127,10 +127,12 @@ def test_a_measured_wrench_of_broken_loops_does_the_work_of_the_motors_that_grav
     arm = world.arm(name)
     for q in places(world, name, 3):
         world.set_state(name, q)
-        arm.servo_jp(np.clip(q + 1e-3, arm.lower, arm.upper)[: arm.description.own_joints])
+        arm.servo_jp(
+            np.clip(q + 1e-3, arm.joints.lower, arm.joints.upper)[: arm.description.own_joints]
+        )
         J, efforts = tip_jacobian(world, name, frame), arm.measured_js().effort
         left = (efforts - world.servos.holding[: len(efforts)])[: J.shape[1]]
-        wrench = arm.measured_cf(frame)
+        wrench = getattr(arm, frame).measured_cf()
         work = J.T @ np.concatenate([wrench.force, wrench.torque])
         assert np.abs(left).max() > 0.1
         np.testing.assert_allclose(work, left, atol=AGREED * max(1.0, np.abs(left).max()))

@@ -59,11 +59,11 @@ def test_an_instrument_taken_away_ends_the_episode_and_not_the_loop(touch: Path)
     served.watch(loop)
     arm = task.world.arm(task.arms[0])
     tool = arm.description.tool
-    arm.set_tool_type("none")
+    arm.runtime.set_tool_type("none")
     for _ in range(50):
         loop.tick(loop.quiet_ticks())
     assert f"{arm.name}: not the instrument of the scene" in served.note()
-    task.world.arm(arm.name).set_tool_type(tool)
+    task.world.arm(arm.name).runtime.set_tool_type(tool)
     task.world.reset()
     loop.tick(loop.quiet_ticks())
     assert "instrument" not in served.note()

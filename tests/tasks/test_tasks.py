@@ -153,7 +153,7 @@ def test_arms_that_a_scene_does_not_drive_are_welded(touch: Path) -> None:
     assert scene.welded == ("PSM2", "ECM")
     task = make_task(scene)
     task.reset(0)
-    before = task.world.arms["ECM"].positions()
+    before = task.world.arms["ECM"].joints.positions()
     assert not task.world.arms["ECM"].servo_jp(before)
     assert make_task(replace(scene, welded=())).world.arms["ECM"].servo_jp(before)
 
@@ -191,7 +191,7 @@ def test_a_hand_that_turns_on_and_on_turns_back_before_the_limit_of_its_roll(tas
         angle = np.radians(80.0 * k)
         for part in hand.over(np.array([0.03, 0.0, 0.03]), 0.0, angle):
             task.command(part)
-        closing = task.world.arms["PSM1"].tip_in_world().T[:3, 1]
+        closing = task.world.arms["PSM1"].measured_cp("world").T[:3, 1]
         assert abs(closing[:2] @ [np.cos(angle), np.sin(angle)]) > np.cos(np.radians(2.0))
     assert task.controller.stalled == {"PSM1": 0.0}
 
@@ -277,12 +277,12 @@ def test_the_endoscope_loses_an_active_target_that_it_does_not_follow() -> None:
 
 def test_the_tip_follows_the_velocity_of_an_action(task: Task) -> None:
     task.reset(0)
-    start = task.world.arms["PSM1"].tip_in_world().T
+    start = task.world.arms["PSM1"].measured_cp("world").T
     for _ in range(50):
         task.command([0.02, -0.01, 0.005, 0.0, 0.0, 0.3, 0.5])
     for _ in range(10):
         task.command([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5])
-    end = task.world.arms["PSM1"].tip_in_world().T
+    end = task.world.arms["PSM1"].measured_cp("world").T
     assert end[:3, 3] - start[:3, 3] == pytest.approx([0.02, -0.01, 0.005], abs=5e-4)
     turn = end[:3, :3] @ start[:3, :3].T
     assert np.arctan2(turn[1, 0], turn[0, 0]) == pytest.approx(0.3, abs=0.01)
@@ -458,7 +458,7 @@ def test_the_pose_training_of_the_cart_does_the_same_on_its_table() -> None:
     world = World(load_rig("full_cart"))
     world.reset(pose="training")
     middle = transform(np.diag([-1.0, -1.0, 1.0]), [0.06, 1.0, 0.8])
-    parked = world.arms["PSM1"].setpoints()
+    parked = world.arms["PSM1"].joints.setpoints()
     parked[2] = 0.05
     for name, other in (("PSM1", "PSM2"), ("PSM2", "PSM1")):
         own = inverse(world.reference_pose(name)) @ middle
@@ -466,7 +466,7 @@ def test_the_pose_training_of_the_cart_does_the_same_on_its_table() -> None:
         for x in np.linspace(-0.06, 0.06, 4):
             for y in np.linspace(-0.05, 0.05, 4):
                 at = own @ transform(np.diag([1.0, -1.0, -1.0]), [x, y, 0.012])
-                q = world.arms[name].local_inverse_kinematics(at, parked[:-1])
+                q = world.arms[name].local.inverse_kinematics(at, parked[:-1])
                 world.set_state(name, np.append(q, 0.3))
                 assert len(world.contact_table().depths) == 0
     camera = world.camera("endoscope")

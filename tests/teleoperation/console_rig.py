@@ -76,5 +76,5 @@ class Bench:
 def tip_in_image(world: World, arm: str) -> Array:
     """Return the tip that an arm is told, in the endoscope's optical frame, (4, 4)."""
     camera = world.cameras()["endoscope"].T_world_camera
-    tip = world.reference_pose(arm) @ world.arm(arm).local_setpoint_cp().T
+    tip = world.reference_pose(arm) @ world.arm(arm).local.setpoint_cp().T
     return np.linalg.inv(camera) @ tip

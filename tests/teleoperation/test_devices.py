@@ -73,7 +73,7 @@ class Session:
     def tip_in_image(self, arm: str = "PSM1") -> np.ndarray:
         """Return the measured tip in the endoscope's optical frame, (4, 4)."""
         camera = self.world.cameras()["endoscope"].T_world_camera
-        T = self.world.reference_pose(arm) @ self.world.arm(arm).local_measured_cp().T
+        T = self.world.reference_pose(arm) @ self.world.arm(arm).local.measured_cp().T
         return np.linalg.inv(camera) @ T
 
     def tip(self, arm: str = "PSM1") -> np.ndarray:
@@ -208,14 +208,14 @@ def test_rolling_right_is_clockwise_in_the_picture(drive: DeviceCommand, clockwi
 def test_keys_turn_and_grip_and_choose() -> None:
     session = Session()
     session.press()
-    q = session.world.arm("PSM1").setpoints()
+    q = session.world.arm("PSM1").joints.setpoints()
     session.press("KeyE", seconds=0.3)
-    turned = session.world.arm("PSM1").setpoints() - q
+    turned = session.world.arm("PSM1").joints.setpoints() - q
     assert np.abs(turned[3:6]).max() > 0.1
     session.press("KeyC", seconds=0.4)
     session.press("KeyC", seconds=0.4)
     session.press("KeyC", seconds=0.3)
-    assert session.world.arm("PSM1").setpoints()[-1] < -0.1
+    assert session.world.arm("PSM1").joints.setpoints()[-1] < -0.1
     session.press("Digit2")
     assert session.device.used == "KEYBOARD_PSM2"
     assert session.state == "ENABLED"
@@ -241,9 +241,9 @@ def test_a_device_that_falls_silent_holds_is_disabled_and_it_is_said(
     session.run(0.45)
     assert session.state == "DISABLED"
     assert "KEYBOARD: no message for 0.5 s" in caplog.text
-    there = session.world.arm("PSM1").setpoints()
+    there = session.world.arm("PSM1").joints.setpoints()
     session.run(0.3)
-    np.testing.assert_array_equal(session.world.arm("PSM1").setpoints(), there)
+    np.testing.assert_array_equal(session.world.arm("PSM1").joints.setpoints(), there)
     session.press()
     assert session.state == "ENABLED"
 
@@ -293,12 +293,12 @@ def test_the_clutch_key_stops_the_tool_and_goes_on_when_it_is_released() -> None
     session = Session()
     session.press("KeyD", seconds=0.3)
     session.press("KeyD", "KeyK", seconds=0.1)
-    before = session.world.arm("PSM1").setpoints()
+    before = session.world.arm("PSM1").joints.setpoints()
     session.press("KeyD", "KeyK", seconds=0.3)
-    np.testing.assert_array_equal(session.world.arm("PSM1").setpoints(), before)
+    np.testing.assert_array_equal(session.world.arm("PSM1").joints.setpoints(), before)
     session.press("KeyD", seconds=0.3)
     session.press("KeyD", seconds=0.3)
-    assert np.abs(session.world.arm("PSM1").setpoints() - before).max() > 1e-3
+    assert np.abs(session.world.arm("PSM1").joints.setpoints() - before).max() > 1e-3
 
 
 def test_a_page_that_loses_the_keys_puts_them_aside(caplog: pytest.LogCaptureFixture) -> None:
@@ -336,9 +336,9 @@ def test_a_tool_stops_at_its_limits_and_comes_back_at_once(
         session.press("ArrowDown", "ShiftLeft")
     assert session.state == "ENABLED"
     assert "PSM1 cannot follow: wrist" in caplog.text
-    before = session.world.arm("PSM1").setpoints()
+    before = session.world.arm("PSM1").joints.setpoints()
     session.press("ArrowUp", "ShiftLeft", seconds=0.2)
-    assert np.abs(session.world.arm("PSM1").setpoints() - before)[3:6].max() > 0.2
+    assert np.abs(session.world.arm("PSM1").joints.setpoints() - before)[3:6].max() > 0.2
 
 
 def test_the_same_keys_make_the_same_motion() -> None:
@@ -346,7 +346,7 @@ def test_the_same_keys_make_the_same_motion() -> None:
         session = Session()
         for keys in (["KeyD", "KeyE"], ["KeyR"], ["KeyX", "KeyW"]):
             session.press(*keys, seconds=0.2)
-        return session.world.arm("PSM1").readings()[0]
+        return session.world.arm("PSM1").joints.readings()[0]
 
     np.testing.assert_array_equal(once(), once())
 

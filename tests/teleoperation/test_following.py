@@ -19,7 +19,7 @@ SHIFT = np.array([0.02, -0.015, 0.01])
 
 
 def measured_tip(world: World) -> np.ndarray:
-    return world.arm("PSM1").local_measured_cp().T[:3, 3]
+    return world.arm("PSM1").local.measured_cp().T[:3, 3]
 
 
 def shifted(T: np.ndarray, by: np.ndarray = SHIFT) -> np.ndarray:
@@ -116,9 +116,11 @@ def test_alignment_is_reached_from_twenty_random_places() -> None:
     bench = Bench(collisions=False, tick_s=0.005)
     world, one = bench.world, following(bench)
     arm, rng = world.arm("MTMR"), np.random.default_rng(7)
-    places = arm.lower + rng.uniform(0.1, 0.9, (60, 8)) * (arm.upper - arm.lower)
+    places = arm.joints.lower + rng.uniform(0.1, 0.9, (60, 8)) * (
+        arm.joints.upper - arm.joints.lower
+    )
     for place in places[arm.description.mechanism.within(places)][:20]:
-        q = arm.setpoints()
+        q = arm.joints.setpoints()
         q[:7] = place[:7]
         world.set_state("MTMR", q)
         one.command("enable")

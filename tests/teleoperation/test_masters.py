@@ -47,12 +47,12 @@ def test_a_hand_on_a_handle_carries_the_master_and_the_tool_follows() -> None:
     bench.enable()
     world = bench.world
     base = world.reference_pose("MTMR")
-    goal = base @ world.arm("MTMR").local_measured_cp().T
+    goal = base @ world.arm("MTMR").local.measured_cp().T
     tool = world.arm("PSM1").setpoint_cp().T[:3, 3]
     goal[:3, 3] += [0.02, 0.01, 0.015]
     bench.engine.carriers["MTMR"].carry(goal)
     bench.run(0.6)
-    here = base @ world.arm("MTMR").local_measured_cp().T
+    here = base @ world.arm("MTMR").local.measured_cp().T
     np.testing.assert_allclose(here[:3, 3], goal[:3, 3], atol=2e-3)
     moved = np.linalg.norm(world.arm("PSM1").setpoint_cp().T[:3, 3] - tool)
     assert moved == pytest.approx(0.2 * np.linalg.norm([0.02, 0.01, 0.015]), rel=0.1)
@@ -92,7 +92,7 @@ def test_a_recorded_motion_carries_the_masters_again(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_reset_lets_a_recorded_motion_begin_anew_once_its_master_is_aligned() -> None:
     bench = Bench()
-    rest = bench.world.arm("MTMR").setpoints()
+    rest = bench.world.arm("MTMR").joints.setpoints()
     times = np.linspace(0.0, 1.0, 101)
     joints = np.tile(rest, (len(times), 1))
     joints[:, 0] += 0.1 * np.sin(times)
@@ -174,12 +174,12 @@ def test_a_master_that_vanishes_leaves_the_tool_where_it_is_and_it_is_said(tmp_p
     away.turn = away.transport.last("HAND/move_cp")["pose"]["orientation"]
     away.run(0.1)
     assert away.one.following
-    there = away.world.arm("PSM1").setpoints()
+    there = away.world.arm("PSM1").joints.setpoints()
     away.run(0.3, talk=False)
     assert away.one.current == "DISABLED"
     assert not away.one.following
     assert "HAND: no message for 0.1 s" in str(away.transport.last("HAND_PSM1/error")["data"])
-    np.testing.assert_array_equal(away.world.arm("PSM1").setpoints()[:6], there[:6])
+    np.testing.assert_array_equal(away.world.arm("PSM1").joints.setpoints()[:6], there[:6])
 
 
 @pytest.mark.parametrize("key", ["KeyW", "KeyE", "KeyC"])
@@ -198,7 +198,7 @@ def test_half_the_scale_of_a_device_halves_all_its_speeds(key: str) -> None:
             device.receive(from_keys(keys))
             for _ in range(200):
                 loop.tick()
-            seen.append((arm.local_setpoint_cp().T, arm.setpoints()[-1]))
+            seen.append((arm.local.setpoint_cp().T, arm.joints.setpoints()[-1]))
         (A, shut), (B, now) = seen
         turned = angle_between(A[:3, :3], B[:3, :3])
         return np.array([np.linalg.norm(B[:3, 3] - A[:3, 3]), turned, now - shut])

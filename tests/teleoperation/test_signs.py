@@ -31,7 +31,7 @@ def bench() -> Bench:
 @pytest.mark.parametrize("rig", ["two_psm_ecm", "full_cart_mtm"])
 def test_the_tip_of_the_endoscope_has_the_axes_of_the_stereo_display(rig: str) -> None:
     world = World(rig)
-    tip = world.reference_pose("ECM") @ world.arm("ECM").local_measured_cp().T
+    tip = world.reference_pose("ECM") @ world.arm("ECM").local.measured_cp().T
     for where, way in DISPLAY.items():
         seen = world.cameras()["endoscope"].T_world_camera[:3, :3] @ IMAGE[where]
         np.testing.assert_allclose(tip[:3, :3] @ way, seen, atol=1e-9)
@@ -77,7 +77,7 @@ def test_a_hand_that_turns_turns_the_tool_likewise_in_the_image(bench: Bench, wh
 def test_both_hands_drag_what_the_endoscope_sees(where: str, roll: float) -> None:
     bench = Bench(pose="work")
     world = bench.world
-    q = world.arm("ECM").setpoints()
+    q = world.arm("ECM").joints.setpoints()
     q[3] = roll
     world.set_state("ECM", q)
     bench.enable("MTML_MTMR_ECM", hand=False, wait=0.05)

@@ -88,7 +88,7 @@ def test_a_component_goes_through_its_states_and_back() -> None:
     assert served.send(f"{NAME}/set_scale", data=0.5)
     assert served.published(f"{NAME}/scale")[-1] == 0.5
     assert served.send(f"{NAME}/lock_rotation", data=True)
-    assert served.world.arm("MTMR").orientation_locked
+    assert served.world.arm("MTMR").forces.orientation_locked
     assert served.send(f"{NAME}/lock_translation", data=True)
     assert served.transport.last(f"{NAME}/translation_locked")["buttons"] == [1]
     assert served.send(f"{NAME}/state_command", string="disable")
@@ -138,12 +138,12 @@ def test_the_console_enables_what_is_selected_while_an_operator_is_there() -> No
 def test_an_arm_that_fails_disables_teleoperation_and_it_is_said() -> None:
     served = Served()
     served.follow()
-    before = served.world.arm("PSM1").setpoints()
+    before = served.world.arm("PSM1").joints.setpoints()
     served.send("MTMR/state_command", string="disable")
     assert served.published(f"{NAME}/current_state")[-1] == "DISABLED"
     assert "MTMR is not in state" in str(served.published(f"{NAME}/error")[-1])
     served.run(0.1)
-    np.testing.assert_allclose(served.world.arm("PSM1").setpoints(), before, atol=1e-3)
+    np.testing.assert_allclose(served.world.arm("PSM1").joints.setpoints(), before, atol=1e-3)
 
 
 def test_arms_without_power_are_enabled_and_homed_first() -> None:

@@ -35,7 +35,7 @@ def plane(point: np.ndarray, normal: np.ndarray, mode: Mode, frame: str = "world
 
 
 def tip(world: World) -> np.ndarray:
-    return (world.reference_pose("PSM1") @ world.arm("PSM1").local_measured_cp().T)[:3, 3]
+    return (world.reference_pose("PSM1") @ world.arm("PSM1").local.measured_cp().T)[:3, 3]
 
 
 def following() -> tuple[World, Loop, PsmTeleoperation]:
@@ -68,7 +68,7 @@ def test_a_master_pushes_the_hand_back_with_the_force_of_the_fixture() -> None:
     before = arm.measured_cp().T
     loop.tick()
     # Stiffness and distance count at the master: 400 N/m * 1 mm / 0.2.
-    force = before[:3, :3] @ arm.measured_cf().force
+    force = before[:3, :3] @ arm.body.measured_cf().force
     expected = view_in_world(world)[:3, :3].T @ (STIFFNESS * 0.001 / 0.2 * normal)
     np.testing.assert_allclose(force, expected, atol=0.02)  # the gimbal's lock exerts some of it
     run(loop, 0.3)
@@ -82,10 +82,10 @@ def test_a_locked_translation_exerts_no_force() -> None:
     up = np.array([0.0, 0.0, 1.0])
     component.fixtures = Fixtures(world, [plane(tip(world) + 0.01 * up, up, "force")])
     loop.tick()
-    assert np.linalg.norm(world.arm("MTMR").measured_cf().force) > 2.0
+    assert np.linalg.norm(world.arm("MTMR").body.measured_cf().force) > 2.0
     component.lock_translation(True)
     run(loop, 0.002)
-    assert np.linalg.norm(world.arm("MTMR").measured_cf().force) < 0.5
+    assert np.linalg.norm(world.arm("MTMR").body.measured_cf().force) < 0.5
 
 
 def test_a_filter_keeps_the_instrument_inside_wherever_the_hand_goes() -> None:
@@ -96,11 +96,11 @@ def test_a_filter_keeps_the_instrument_inside_wherever_the_hand_goes() -> None:
     down = view_in_world(world)[:3, :3].T @ -up
     arm = world.arm("MTMR")
     run(loop, 0.01)
-    arm.servo_cf([*(arm.measured_cp().T[:3, :3].T @ (4.0 * down)), 0.0, 0.0, 0.0])
+    arm.body.servo_cf([*(arm.measured_cp().T[:3, :3].T @ (4.0 * down)), 0.0, 0.0, 0.0])
     commanded, start = [], arm.measured_cp().T[:3, 3]
     for _ in range(300):
         loop.tick()
-        commanded.append(world.reference_pose("PSM1") @ world.arm("PSM1").local_setpoint_cp().T)
+        commanded.append(world.reference_pose("PSM1") @ world.arm("PSM1").local.setpoint_cp().T)
     assert (arm.measured_cp().T[:3, 3] - start) @ down * component.scale > 0.002
     assert min(T[2, 3] for T in commanded) == pytest.approx(lowest, abs=1e-6)
 
@@ -116,7 +116,7 @@ def test_servo_cp_is_filtered_and_a_recording_repeats_it(tmp_path: Path) -> None
     base = np.eye(4)
     base[:3, :3] = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
     base[:3, 3] = [0.1, 0.2, 0.3]
-    arm.set_base_frame(base, "table")
+    arm.local.set_base_frame(base, "table")
     start = T = arm.measured_cp().T
     with record(world, tmp_path / "run.mcap"):
         for k in range(200):
@@ -124,7 +124,7 @@ def test_servo_cp_is_filtered_and_a_recording_repeats_it(tmp_path: Path) -> None
             T[:3, 3] += 1e-4 * k * np.array([0.5, 0.0, -1.0])
             loop.post(Command("PSM1", "servo_cp", {"T": T}))
             loop.tick()
-    commanded = arm.local_setpoint_cp().T[:3, 3]
+    commanded = arm.local.setpoint_cp().T[:3, 3]
     assert start[2, 3] - 0.3 - 0.02 < -0.09  # it would have gone below
     assert commanded[2] == pytest.approx(-0.09, abs=1e-9)
     assert commanded[1] == pytest.approx((np.linalg.inv(base) @ T)[1, 3], abs=1e-9)

@@ -123,7 +123,7 @@ def test_following_itself_posts_nothing(desk: Desk) -> None:
 
 
 def test_in_effort_mode_sliders_are_efforts_from_zero(desk: Desk) -> None:
-    desk.world.arms["PSM1"].set_mode("effort", ("yaw", "jaw"))
+    desk.world.arms["PSM1"].joints.set_mode("effort", ("yaw", "jaw"))
     desk.sliders.follow(desk.now)
     yaw, pitch = desk.sliders.handles[:2]
     assert (yaw.label, yaw.min, yaw.max, yaw.value) == ("yaw N m", -3.31, 3.31, 0.0)
@@ -212,8 +212,8 @@ def test_arm_info_is_read_off_a_real_arm() -> None:
     assert info.joints[0].effort_max == pytest.approx(3.316, abs=1e-3)
     assert info.gravity_compensation and not info.has_brakes
     assert info.joints[-1].is_jaw and "home" in info.poses
-    world.arm("PSM1").use_gravity_compensation(False)
-    world.arm("PSM1").set_gains("yaw", p=11.0)
+    world.arm("PSM1").joints.use_gravity_compensation(False)
+    world.arm("PSM1").joints.set_gains("yaw", p=11.0)
     info = read_arm(world, "PSM1")
     assert not info.gravity_compensation
     assert info.joints[0].gains[0] == 11.0

@@ -13,6 +13,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from trocar.descriptions import frames, needles, props, records, rigs, scenes, shapes, tissues
 from trocar.descriptions.arms import (
     ArmKeys,
@@ -393,7 +395,7 @@ def default_text(key: Key) -> str:
         return f"`{str(value).lower()}`"
     if isinstance(value, int | float):
         return f"{quantity(key, value)}" if math.isfinite(value) else ""
-    if hasattr(value, "tolist") and value.size:
+    if isinstance(value, np.ndarray) and value.size:
         return f"{' '.join(f'{number:g}' for number in value.tolist())}"
     return f"`{value}`" if isinstance(value, str) and value else ""
 

@@ -92,7 +92,7 @@ def make_world(args: Namespace, tip_load_n: float = 0.0) -> World:
     if args.tool:
         world.reset()
     for arm in args.computed_torque:
-        world.arm(arm).use_computed_torque(True)
+        world.arm(arm).joints.use_computed_torque(True)
     return world
 
 

@@ -1,8 +1,9 @@
-"""Where the arms of a rig stand, by the measured joints of what carries them."""
+"""Poses of a rig's arms, by the measured joints of the arms that carry them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,65 @@ from trocar.geometry.se3 import inverse
 from trocar.kinematics.chain_pose import chain_pose, standing_pose
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class PoseOrigin:
+    """The frame that the public poses of an arm are seen from.
+
+    Attributes:
+        frame: name of the frame that the poses are in
+        arm: whose frame they are seen from; "": the world
+        tip: whether it is that arm's tip, else its reference frame
+        before: pose of what they are seen from in `frame`, (4, 4); None: it is that frame
+    """
+
+    frame: str
+    arm: str = ""
+    tip: bool = False
+    before: Array | None = None
+
+    def placed(self, T: Array) -> Array:
+        """Return a pose (..., 4, 4) in `frame` that is given in what poses are seen from."""
+        return T if self.before is None else self.before @ T
+
+    def base_pose(
+        self, name: str, reference: Callable[[str], Array], tip: Callable[[str], Array]
+    ) -> Array:
+        """Return an arm's reference frame in `frame`, (..., 4, 4).
+
+        Args:
+            name: of the arm
+            reference: returns the pose of an arm's reference frame in the world, (4, 4)
+            tip: returns the pose of an arm's tip in the world, (..., 4, 4)
+        """
+        if self.arm == name and not self.tip:
+            return np.eye(4) if self.before is None else self.before.copy()
+        own = reference(name)
+        if self.arm:
+            own = inverse((tip if self.tip else reference)(self.arm)) @ own
+        return self.placed(own)
+
+
+def pose_origin(rig: RigDescription, name: str, reference_arm: str) -> PoseOrigin:
+    """Find the frame that the public poses of an arm are seen from.
+
+    Args:
+        rig: the arms
+        name: of the arm
+        reference_arm: as for `RigDescription.pose_frame`, which determines the frame
+    """
+    arm = rig.arm(name)
+    if arm.base_frame is not None:
+        return PoseOrigin(arm.base_frame.name, name, before=arm.base_frame.pose)
+    frame = rig.pose_frame(name, reference_arm)
+    if frame == DISPLAY and rig.display is not None:
+        return PoseOrigin(frame, before=inverse(rig.display))
+    if frame == arm.own_frame:
+        return PoseOrigin(frame, name)
+    if frame == CART:
+        return PoseOrigin(frame, arm.on)
+    return PoseOrigin(frame, frame, tip=True)
 
 
 class Places:
@@ -54,19 +114,12 @@ class Places:
 
         Args:
             name: of the arm
-            reference_arm: as for `RigDescription.pose_frame`, which says which frame it is
+            reference_arm: as for `RigDescription.pose_frame`
         """
-        arm = self._rig.arm(name)
-        if arm.base_frame is not None:
-            return arm.base_frame.pose.copy(), arm.base_frame.name
-        frame = self._rig.pose_frame(name, reference_arm)
-        if frame == arm.own_frame:
-            return np.eye(4), frame
-        if frame == DISPLAY and self._rig.display is not None:
-            seen_from = self._rig.display
-        elif frame == CART:
-            seen_from = self.reference_pose(arm.on)
-        else:
-            tip = chain_pose(self._rig.arm(frame).arm.mechanism)(self._positions(frame))
-            seen_from = self.reference_pose(frame) @ tip
-        return inverse(seen_from) @ self.reference_pose(name), frame
+        origin = pose_origin(self._rig, name, reference_arm)
+        return origin.base_pose(name, self.reference_pose, self._tip), origin.frame
+
+    def _tip(self, name: str) -> Array:
+        """Return the pose of an arm's tip in the world, (4, 4)."""
+        tip = chain_pose(self._rig.arm(name).arm.mechanism)(self._positions(name))
+        return self.reference_pose(name) @ tip

@@ -175,7 +175,8 @@ def _primitive(table: Table, keys: ShapeKeys) -> tuple[Array, Array]:
     if keys.size is not None and keys.center is not None:
         return transform(matrix_from_rpy(*keys.rpy), keys.center), 0.5 * keys.size
     if keys.start is None or keys.end is None:
-        return transform(np.eye(3), keys.center), np.array([keys.radius, 0.0, 0.0])
+        center = np.zeros(3) if keys.center is None else keys.center
+        return transform(np.eye(3), center), np.array([keys.radius, 0.0, 0.0])
     way = keys.end - keys.start
     length = float(np.linalg.norm(way))
     if length <= 0.0:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import tomllib
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from difflib import get_close_matches
 from pathlib import Path
@@ -136,7 +136,7 @@ class Table:
         turns: bool | None = None,
         defaults: Mapping[str, Any] | None = None,
         choices: Mapping[str, Iterable[str]] | None = None,
-        but: Container[str] = (),
+        but: Iterable[str] = (),
     ) -> dict[str, Any]:
         """Return the values of the keys that the fields of a record declare, {field: value}.
 
@@ -233,7 +233,7 @@ class Table:
         if not isinstance(value, list) or not all(
             isinstance(v, str) for v in cast(list[Any], value)
         ):
-            raise self.fail(key, got(value, "a list of texts"))
+            raise self.fail(key, got(cast(object, value), "a list of texts"))
         return tuple(cast(list[str], value))
 
     def flag(self, key: str, default: bool) -> bool:
@@ -321,14 +321,14 @@ class Table:
         if not isinstance(value, list) or (
             size is not None and len(cast(list[Any], value)) != size
         ):
-            raise self.fail(key, got(value, f"a list of {expected}"))
+            raise self.fail(key, got(cast(object, value), f"a list of {expected}"))
         return np.array([self._finite(key, v) for v in cast(list[Any], value)], dtype=np.float64)
 
     def matrix(self, key: str, rows: int, columns: int) -> Array:
         """Return a list of rows as an array, (rows, columns)."""
         value = self.raw(key)
         if not isinstance(value, list) or len(cast(list[Any], value)) != rows:
-            raise self.fail(key, got(value, f"{rows} rows of {columns} numbers"))
+            raise self.fail(key, got(cast(object, value), f"{rows} rows of {columns} numbers"))
         return np.stack([self._numbers(key, row, columns) for row in cast(list[Any], value)])
 
     def table(self, key: str) -> Table:
@@ -352,7 +352,7 @@ class Table:
         value = self.raw(key, [])
         rows: list[Any] = cast(list[Any], value) if isinstance(value, list) else [None]
         if not all(isinstance(row, dict) for row in rows):
-            raise self.fail(key, got(value, f"[[{key}]] tables"))
+            raise self.fail(key, got(cast(object, value), f"[[{key}]] tables"))
         where = f"{self.path}.{key}".strip(".")
         return [Table(row, self.file, f"{where}[{i}]") for i, row in enumerate(rows)]
 

@@ -148,7 +148,9 @@ class Adjustment:
     def covariance_of(self, *names: str) -> Array:
         """Return the covariance of small steps of some unknowns, one after another, (k, k)."""
         at = layout(self.values)
-        index = np.concatenate([np.arange(at[name].start, at[name].stop) for name in names])
+        index = np.array(
+            [k for name in names for k in range(at[name].start, at[name].stop)], np.intp
+        )
         return self.covariance[np.ix_(index, index)]
 
     def sigma(self, name: str) -> Array:
@@ -199,10 +201,10 @@ def adjust(
 
 def minimised(problem: Adjustable, values: Values) -> Values:
     """Return the values of least cost from these on."""
-    left, J = problem.linear(values)
+    left, jacobian = problem.linear(values)
     damping, cost, last = DAMPING, float(left @ left), False
     for _ in range(STEPS):
-        square, slope = J.T @ J, J.T @ left
+        square, slope = jacobian.T @ jacobian, jacobian.T @ left
         scale = _scale(square)
         before = cost
         while damping < MOST_DAMPING:
@@ -211,7 +213,7 @@ def minimised(problem: Adjustable, values: Values) -> Values:
             there, by = problem.evaluated(tried)
             if np.isfinite(there).all() and there @ there < cost:
                 values, left, cost = tried, there, float(there @ there)
-                J = problem.derivative(values) if by is None else by
+                jacobian = problem.derivative(values) if by is None else by
                 damping = max(damping / CHANGE, LEAST_DAMPING)
                 break
             damping *= CHANGE

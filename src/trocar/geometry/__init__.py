@@ -1,4 +1,4 @@
-"""Where things are: rotations, poses, screws and Denavit-Hartenberg rows, with numpy only."""
+"""Rotations, poses, screws and Denavit-Hartenberg rows, with numpy only."""
 
 from trocar.geometry.dh import (
     modified_dh,

@@ -16,7 +16,7 @@ ROW_TOLERANCE = 1e-9
 
 
 def modified_dh(a: ArrayLike, alpha: ArrayLike, d: ArrayLike, theta: ArrayLike) -> Array:
-    """Give the pose of frame i in frame i-1: Rx(alpha) Tx(a) Rz(theta) Tz(d).
+    """Compute the pose of frame i in frame i-1: Rx(alpha) Tx(a) Rz(theta) Tz(d).
 
     Args:
         a: along x of frame i-1, (...) [m]
@@ -40,7 +40,7 @@ def modified_dh(a: ArrayLike, alpha: ArrayLike, d: ArrayLike, theta: ArrayLike) 
 
 
 def standard_dh(a: ArrayLike, alpha: ArrayLike, d: ArrayLike, theta: ArrayLike) -> Array:
-    """Give the pose of frame i in frame i-1: Rz(theta) Tz(d) Tx(a) Rx(alpha).
+    """Compute the pose of frame i in frame i-1: Rz(theta) Tz(d) Tx(a) Rx(alpha).
 
     Args:
         a: along x of frame i, (...) [m]
@@ -64,7 +64,7 @@ def standard_dh(a: ArrayLike, alpha: ArrayLike, d: ArrayLike, theta: ArrayLike) 
 
 
 def modified_dh_parameters(T: ArrayLike) -> Array:
-    """Give the modified row that makes a pose; undoes `modified_dh`.
+    """Compute the modified row that makes a pose; undoes `modified_dh`.
 
     Args:
         T: (4, 4)
@@ -83,7 +83,7 @@ def modified_dh_parameters(T: ArrayLike) -> Array:
 
 
 def standard_dh_parameters(T: ArrayLike) -> Array:
-    """Give the standard row that makes a pose; undoes `standard_dh`.
+    """Compute the standard row that makes a pose; undoes `standard_dh`.
 
     Args, Returns and Raises as for `modified_dh_parameters`.
     """

@@ -55,7 +55,7 @@ def _rotation_about(angle: ArrayLike, axis: int) -> Array:
 
 
 def skew(v: ArrayLike) -> Array:
-    """Give the matrix K with K @ x = v x x (cross product).
+    """Compute the matrix K with K @ x = v x x (cross product).
 
     Args:
         v: (..., 3)
@@ -84,7 +84,7 @@ def matrix_from_rpy(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> Array:
 
 
 def rpy_from_matrix(R: ArrayLike) -> Array:
-    """Give the angles about the fixed axes x, y, z that make a rotation; undoes `matrix_from_rpy`.
+    """Compute angles about the fixed axes x, y, z that make a rotation; undoes `matrix_from_rpy`.
 
     Args:
         R: (..., 3, 3), a rotation (not checked, see `check_rotation`)
@@ -105,7 +105,7 @@ def rpy_from_matrix(R: ArrayLike) -> Array:
 
 
 def matrix_from_quaternion(q_wxyz: ArrayLike) -> Array:
-    """Give the rotation matrix of a quaternion.
+    """Compute the rotation matrix of a quaternion.
 
     Args:
         q_wxyz: (..., 4), scalar first; any length but zero, it is normalised
@@ -154,7 +154,7 @@ def _matrix_from_quaternion(w: float, x: float, y: float, z: float) -> Array:
 
 
 def _outer() -> tuple[Array, Array]:
-    """Return what makes 4 q q^T, (16,), of a rotation matrix, (9,): factors, and what is added."""
+    """Return factors and offset of 4 q q^T, (16,), as a function of a rotation matrix, (9,)."""
     factors, rest = np.zeros((4, 4, 3, 3)), np.eye(4)
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         a, b, c = 1 + i, 1 + j, 1 + k
@@ -170,7 +170,7 @@ _LEAD = np.array([8.0, 4.0, 2.0, 1.0])
 
 
 def quaternion_from_matrix(R: ArrayLike) -> Array:
-    """Give the unit quaternion of a rotation matrix.
+    """Compute the unit quaternion of a rotation matrix.
 
     Builds the matrix 4 q q^T from R and takes its longest column, so no angle loses digits.
 
@@ -230,7 +230,7 @@ def _matrix_from_rotation_vector(x: float, y: float, z: float) -> Array:
 
 
 def rotation_vector_from_matrix(R: ArrayLike) -> Array:
-    """Give axis times angle, angle in [0, pi] (logarithm of SO(3)).
+    """Compute axis times angle, angle in [0, pi] (logarithm of SO(3)).
 
     Goes through the quaternion, so it keeps its digits at angles near 0 and near pi. At pi exactly
     the axis whose first component that is not 0 is positive is taken.

@@ -20,7 +20,7 @@ _PARALLEL = 1e-12
 
 
 def revolute_screw(point: ArrayLike, direction: ArrayLike) -> Array:
-    """Give the screw of a hinge: (point x axis; axis).
+    """Compute the screw of a hinge: (point x axis; axis).
 
     Args:
         point: a point on the axis, (..., 3) [m]
@@ -35,7 +35,7 @@ def revolute_screw(point: ArrayLike, direction: ArrayLike) -> Array:
 
 
 def prismatic_screw(direction: ArrayLike) -> Array:
-    """Give the screw of a slide: (axis; 0).
+    """Compute the screw of a slide: (axis; 0).
 
     Args:
         direction: (..., 3), any length but zero

@@ -105,7 +105,7 @@ def transform_points(T: ArrayLike, p: ArrayLike) -> Array:
 
 
 def adjoint(T: ArrayLike) -> Array:
-    """Give the matrix that expresses twists in another frame: xi_a = Ad(T_ab) xi_b.
+    """Compute the matrix that expresses twists in another frame: xi_a = Ad(T_ab) xi_b.
 
     Ad(T) = [[R, [p]x R], [0, R]] for twists (linear; angular).
 
@@ -140,7 +140,7 @@ def exp_twist(xi: ArrayLike) -> Array:
 
 
 def log_transform(T: ArrayLike) -> Array:
-    """Give the twist that leads from the identity to T, its turn in [0, pi]; undoes `exp_twist`.
+    """Compute the twist that leads from the identity to T, its turn in [0, pi]; undoes `exp_twist`.
 
     Args:
         T: (..., 4, 4)
@@ -217,7 +217,7 @@ def check_transform(T: ArrayLike, name: str = "pose") -> Array:
 
 
 def _is_pose(T: Array) -> bool:
-    """Tell whether one matrix (4, 4) is a pose, in plain numbers; NaN fails every comparison."""
+    """Return whether one matrix (4, 4) is a pose, in plain numbers; NaN fails every comparison."""
     (a, b, c, x), (d, e, f, y), (g, h, i, z), last = T.tolist()
     return (
         last == [0.0, 0.0, 0.0, 1.0]

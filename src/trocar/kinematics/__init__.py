@@ -1,4 +1,4 @@
-"""How mechanisms move: trees with loops, forward and inverse kinematics, couplings."""
+"""Motion of mechanisms: trees with loops, forward and inverse kinematics, couplings."""
 
 from trocar.geometry.screws import RemoteCentre, remote_centre
 from trocar.kinematics.coupling import (

@@ -34,7 +34,7 @@ HALF = 0.5 * np.pi
 
 @dataclass(frozen=True, eq=False)
 class JointAxes:
-    """Where the joints' axes lie, in the frame that poses are given in.
+    """Axes of the joints, in the frame that poses are given in.
 
     Attributes:
         points: a point on each axis, (n, 3) [m]; means nothing for a joint that slides
@@ -123,7 +123,7 @@ def gimbal_arm(axes: JointAxes) -> Chain:
 
 
 def _remote_centre_frame(axes: JointAxes) -> Array:
-    """Give T_reference_0: where yaw, pitch and shaft meet, y along -yaw and z along -shaft."""
+    """Compute T_reference_0: where yaw, pitch and shaft meet, y along -yaw and z along -shaft."""
     meeting = [0, 1, 3]
     centre, _ = nearest_point_to_lines(axes.points[meeting], axes.directions[meeting])
     yaw, shaft = axes.directions[0], axes.directions[3]
@@ -133,21 +133,21 @@ def _remote_centre_frame(axes: JointAxes) -> Array:
 
 
 def _triad(z: Array, x: Array) -> Array:
-    """Give axes with z as it is and x as near as can be to the requested one, (3, 3)."""
+    """Compute axes with z as it is and x as near as can be to the requested one, (3, 3)."""
     y = np.cross(z, x)
     y = y / np.linalg.norm(y)
     return np.stack([np.cross(y, z), y, z], axis=-1)
 
 
 def _depth(axes: JointAxes, base: Array, joint: int) -> float:
-    """Give how far past the remote centre the shaft is nearest to a joint's axis [m]."""
+    """Return the depth past the remote centre of the shaft's nearest point to an axis [m]."""
     shaft, axis = -base[:3, 2], axes.directions[joint]
     offset, slant = axes.points[joint] - base[:3, 3], shaft @ axis
     return float((offset @ shaft - (offset @ axis) * slant) / (1.0 - slant * slant))
 
 
 def _shaft(q: Array, depth: float) -> Array:
-    """Give T_04 after yaw, pitch, insertion and roll, (..., 4, 4)."""
+    """Compute T_04 after yaw, pitch, insertion and roll, (..., 4, 4)."""
     return (
         modified_dh(0.0, HALF, 0.0, q[..., 0] + HALF)
         @ modified_dh(0.0, -HALF, 0.0, q[..., 1] - HALF)
@@ -231,7 +231,7 @@ def _structure(mechanism: Mechanism, name: str) -> tuple[Callable[[JointAxes], C
 
 
 def _joint_axes(mechanism: Mechanism, count: int) -> JointAxes:
-    """Give the axes of the first joints at q = 0, from the tip's twists as each of them moves."""
+    """Return the axes of the first joints at q = 0, from the tip's twists as each of them moves."""
     rest = np.zeros(len(mechanism.joints))
     twists = jacobian_spatial(mechanism, rest)[:, :count].T
     linear, angular = twists[:, :3], twists[:, 3:]

@@ -21,7 +21,7 @@ _WORST_CONDITION = 1e4
 
 @dataclass(frozen=True, eq=False)
 class Coupling:
-    """How actuators drive joints together.
+    """Matrix of actuators that drive joints together.
 
     Attributes:
         actuator_to_joint: A, (n, n); kept as a read-only copy
@@ -56,7 +56,7 @@ class Coupling:
 
 
 def joint_from_actuator(coupling: Coupling, actuator: ArrayLike) -> Array:
-    """Give joint positions from actuator positions, or joint velocities from actuator velocities.
+    """Return joint positions from actuator positions, or joint velocities from actuator velocities.
 
     Args:
         coupling: n actuators to n joints
@@ -69,7 +69,7 @@ def joint_from_actuator(coupling: Coupling, actuator: ArrayLike) -> Array:
 
 
 def actuator_from_joint(coupling: Coupling, joint: ArrayLike) -> Array:
-    """Give actuator positions (velocities) from joint positions (velocities).
+    """Compute actuator positions (velocities) from joint positions (velocities).
 
     Args:
         coupling: n actuators to n joints
@@ -82,7 +82,7 @@ def actuator_from_joint(coupling: Coupling, joint: ArrayLike) -> Array:
 
 
 def joint_effort_from_actuator(coupling: Coupling, effort: ArrayLike) -> Array:
-    """Give joint efforts from actuator efforts: tau_joint = A^-T tau_actuator.
+    """Compute joint efforts from actuator efforts: tau_joint = A^-T tau_actuator.
 
     Args:
         coupling: n actuators to n joints
@@ -95,7 +95,7 @@ def joint_effort_from_actuator(coupling: Coupling, effort: ArrayLike) -> Array:
 
 
 def actuator_effort_from_joint(coupling: Coupling, effort: ArrayLike) -> Array:
-    """Give actuator efforts from joint efforts: tau_actuator = A^T tau_joint.
+    """Compute actuator efforts from joint efforts: tau_actuator = A^T tau_joint.
 
     Args:
         coupling: n actuators to n joints

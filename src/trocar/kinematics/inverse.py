@@ -2,11 +2,13 @@
 
 The closed form answers for a mechanism that is exactly its structure's chain. For one that is
 nearly so, such as a calibrated arm whose shaft misses the remote centre, its solutions are where
-Newton's method starts, on the mechanism's own forward kinematics.
+Newton's method starts, on the mechanism's own forward kinematics. `newton` is that method, for
+every forward kinematics.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache, partial
 
@@ -44,10 +46,34 @@ SLACK_FACTOR, SLACK_RAD, SLACK_M = 100.0, 1.0, 0.1
 
 # Source: our choice. A pose comes back to this [m or rad].
 POSE_TOLERANCE = 1e-9
-# Source: our choice. Newton's method has settled when its step is this small [rad or m]; a step
-# longer than the second figure is shortened, so that it does not leave the neighbourhood.
+# Step at which Newton's method has settled, longest step, which keeps it in the neighbourhood
+# [rad or m], and most steps. Source: our choice.
 SETTLED, LONGEST_STEP = 1e-12, 0.2
 NEWTON_STEPS = 30
+
+
+def newton(q: Array, step: Callable[[float], Array | None], most: int) -> None:
+    """Improve joint positions by Newton's method, in place.
+
+    Args:
+        q: (n,), or several at once (k, n) [rad or m]
+        step: computes the next step from q, of its shape; None ends the search. It gets the
+            longest that a joint moved in the step before [rad or m], infinity at first
+        most: number of calls of `step`
+    """
+    longest: float = np.inf
+    for _ in range(most):
+        change: Array | None = step(longest)
+        if change is None:
+            return
+        if q.ndim == 1:  # in plain numbers, for it is called at every set-point
+            moved: list[float] = change.tolist()
+            longest = max(map(abs, moved))
+            q += change if longest <= LONGEST_STEP else change * (LONGEST_STEP / longest)
+        else:
+            each: Array = np.abs(change).max(axis=-1, keepdims=True)
+            longest = float(each.max())
+            q += change * np.minimum(1.0, LONGEST_STEP / np.maximum(each, 1e-300))
 
 
 def inverse_kinematics(
@@ -115,25 +141,24 @@ def nearest_solution(
     structure: str,
     T: Array,
     seed: Array,
-    *,
-    platform_angle: float | None = None,
 ) -> Array:
     """Find the joint positions nearest to a seed that bring the tip to a pose, (n,).
 
-    The first row of `inverse_kinematics`, quickly where the structure has a quick way. The pose
-    (4, 4) and the seed (n,) are checked by the caller.
+    The first row of `inverse_kinematics`, quickly where the structure has a quick way; a gimbal
+    arm's wrist platform stays at the seed. The caller checks the pose (4, 4) and the seed (n,).
 
     Raises:
         UnreachableError, SingularError, InputError: as `inverse_kinematics`
     """
     fit = fit_chain(mechanism, structure)
-    if fit.chain.nearest is not None and fit.deviation <= EXACT and platform_angle is None:
+    if fit.chain.nearest is not None and fit.deviation <= EXACT:
         ends = _ends(mechanism, structure)
         in_chain = ends.before.dot(T).dot(ends.after)
         found = fit.chain.nearest(in_chain, ends.limits, seed.tolist())
         if found is not None:
             return np.array(found)
-    return inverse_kinematics(mechanism, structure, T, seed, platform_angle=platform_angle)[0]
+    platform = float(seed[PLATFORM]) if structure == "gimbal_arm" else None
+    return inverse_kinematics(mechanism, structure, T, seed, platform_angle=platform)[0]
 
 
 def nearest_start(mechanism: Mechanism, structure: str, T: Array, seed: Array) -> Array | None:
@@ -157,7 +182,7 @@ def nearest_start(mechanism: Mechanism, structure: str, T: Array, seed: Array) -
 
 @dataclass(frozen=True, eq=False)
 class _Ends:
-    """What stands before and behind a chain, inverted, and the limits of its joints.
+    """Inverses of the poses before and behind a chain, and the limits of its joints.
 
     `wider` are the limits within which Newton's method may start.
     """
@@ -188,7 +213,7 @@ def _range(mechanism: Mechanism, count: int) -> JointRange:
 
 
 def _slack(fit: Fit, joints: JointRange) -> Array:
-    """Give how far beyond the limits Newton's method may start, (n,) [rad or m]."""
+    """Return the slack beyond the limits in which Newton's method may start, (n,) [rad or m]."""
     most = np.where(joints.slides, SLACK_M, SLACK_RAD)
     return np.minimum(SLACK_FACTOR * fit.deviation, most)
 
@@ -213,14 +238,14 @@ def _pointed_at_centre(T: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """Which mechanism is to take which pose (4, 4), and which joints (n,) may move for it."""
+    """A mechanism, the pose (4, 4) that it is to take, and the joints (n,) that may move."""
 
     mechanism: Mechanism
     T: Array
     moving: NDArray[np.bool_]
 
     def whole(self, q: Array) -> Array:
-        """Give all joints of the mechanism, those beyond the structure's at 0, (k, n_joints)."""
+        """Compute all joints of the mechanism, those beyond the structure's at 0, (k, n_joints)."""
         full = np.zeros((len(q), len(self.mechanism.joints)))
         full[:, : q.shape[-1]] = q
         return full
@@ -233,15 +258,18 @@ def _polished(problem: _Problem, starts: Array, tolerance: float) -> Array:
         UnreachableError: none comes
     """
     q = starts.copy()
-    for _ in range(NEWTON_STEPS):
+
+    def step(longest: float) -> Array | None:
+        if longest < SETTLED:
+            return None
         full = problem.whole(q)
         miss = log_transform(inverse(pose(problem.mechanism, full)) @ problem.T)
         slope = jacobian_body(problem.mechanism, full)[..., np.flatnonzero(problem.moving)]
-        step = (np.linalg.pinv(slope) @ miss[..., None])[..., 0]
-        longest = np.abs(step).max(axis=-1, keepdims=True)
-        q[:, problem.moving] += step * np.minimum(1.0, LONGEST_STEP / np.maximum(longest, 1e-300))
-        if longest.max() < SETTLED:
-            break
+        change = np.zeros_like(q)
+        change[:, problem.moving] = (np.linalg.pinv(slope) @ miss[..., None])[..., 0]
+        return change
+
+    newton(q, step, NEWTON_STEPS)
     metres, radians = pose_difference(pose(problem.mechanism, problem.whole(q)), problem.T)
     worst = np.maximum(metres, radians)
     if not (worst <= tolerance).any():

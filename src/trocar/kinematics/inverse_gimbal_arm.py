@@ -45,7 +45,7 @@ SINGULAR = 1e-7
 
 @dataclass(frozen=True)
 class GimbalArmGeometry:
-    """What the standard DH rows of the arm leave open.
+    """Parameters of the arm that its standard DH rows leave open.
 
     Rows (a, alpha, d, theta), frame 0 at the outer yaw:
     (0, pi/2, 0, q1 - pi/2), (upper_arm, 0, 0, q2 - pi/2), (forearm, -pi/2, 0, q3 + pi/2),
@@ -158,7 +158,7 @@ def _out_of_reach(distance: float, shortest: float, longest: float) -> Unreachab
 
 
 def _platform_axes(arm: Array) -> tuple[Array, Array, Array]:
-    """Give the axes of frame 3 (z: the axis of the wrist platform) in frame 0, (m, 3) each."""
+    """Compute the axes of frame 3 (z: the axis of the wrist platform) in frame 0, (m, 3) each."""
     turn, tilt = arm[:, 0] - 0.5 * np.pi, arm[:, 1] + arm[:, 2]
     cos_turn, sin_turn, cos_tilt, sin_tilt = np.cos(turn), np.sin(turn), np.cos(tilt), np.sin(tilt)
     x = np.stack([cos_tilt * cos_turn, cos_tilt * sin_turn, sin_tilt], axis=-1)

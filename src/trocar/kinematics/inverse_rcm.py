@@ -67,7 +67,7 @@ TIP_AT_CENTRE = 1e-3
 
 
 def shaft_axes(q1: Array, q2: Array) -> tuple[Array, Array, Array]:
-    """Give the axes of frame 3 in frame 0.
+    """Compute the axes of frame 3 in frame 0.
 
     Args:
         q1: yaw, (...) [rad]
@@ -84,7 +84,7 @@ def shaft_axes(q1: Array, q2: Array) -> tuple[Array, Array, Array]:
 
 
 def shaft_angles(direction: Array) -> tuple[Array, Array, Array]:
-    """Give both pairs of yaw and pitch that point the shaft along a direction.
+    """Compute both pairs of yaw and pitch that point the shaft along a direction.
 
     Args:
         direction: unit vectors in frame 0, (..., 3)
@@ -102,7 +102,7 @@ def shaft_angles(direction: Array) -> tuple[Array, Array, Array]:
 
 @dataclass(frozen=True, eq=False)
 class RcmArmGeometry:
-    """What the modified DH rows of the arm leave open.
+    """Parameters of the arm that its modified DH rows leave open.
 
     Rows (a, alpha, d, theta), frame 0 at the remote centre:
     (0, pi/2, 0, q1 + pi/2), (0, -pi/2, 0, q2 - pi/2), (0, pi/2, q3 - insertion_offset, 0),
@@ -293,7 +293,7 @@ def _reject_singular(branches: _Branches, joints: JointRange) -> None:
 
 @dataclass(frozen=True)
 class RcmScopeGeometry:
-    """What the modified DH rows of the scope's arm leave open.
+    """Parameters of the scope's arm that its modified DH rows leave open.
 
     Rows (a, alpha, d, theta), frame 0 at the remote centre:
     (0, pi/2, 0, q1 + pi/2), (0, -pi/2, 0, q2 - pi/2), (0, pi/2, q3 - insertion_offset, 0),
@@ -403,7 +403,7 @@ def nearest_rcm_scope(
 
 
 def _scope_line(T: Array) -> tuple[Array, float]:
-    """Give the direction of the scope, and how far past the remote centre its tip is [m]."""
+    """Return the direction of the scope, and the depth of its tip past the centre [m]."""
     tip, z = T[:3, 3], T[:3, 2] / np.linalg.norm(T[:3, 2])
     depth = float(np.copysign(np.linalg.norm(tip), tip @ z))
     far = abs(depth) >= TIP_AT_CENTRE

@@ -1,4 +1,4 @@
-"""Where the links of a serial chain are, counted as the dVRK counts them."""
+"""Poses of the links of a serial chain, counted as the dVRK counts them."""
 
 from __future__ import annotations
 

@@ -46,14 +46,14 @@ class LoopTable:
     series: Array
 
     def beyond_start(self, q: Array) -> Array:
-        """Return what couplings alone leave out, (..., n_passive); 0 outside the table's range."""
+        """Return the deviation from the couplings, (..., n_passive); 0 outside the table."""
         share = (q[..., self.column] - self.middle) / self.half
         turn = np.arccos(np.clip(share, -1.0, 1.0))
         found = np.cos(turn[..., None] * ORDERS) @ self.series
         return np.where((np.abs(share) <= 1.0)[..., None], found, 0.0)
 
     def at(self, position: float) -> tuple[Array, Array] | None:
-        """Return what couplings alone leave out at one position of the joint, and its slope.
+        """Return the deviation from the couplings at one position of the joint, and its slope.
 
         Returns:
             (n_passive,) each [rad or m, per rad or m]; None outside the table's range
@@ -297,7 +297,7 @@ def passive_frames(mechanism: Mechanism) -> list[int]:
 
 @dataclass(frozen=True)
 class Flattening:
-    """Where a loop becomes singular (flat) as one joint moves.
+    """Singular (flat) configuration of a loop as one joint moves.
 
     Attributes:
         closure: name of the closing point

@@ -1,6 +1,6 @@
-"""Which of an arm's closed-form solutions lie inside its joint limits, nearest first.
+"""Closed-form solutions inside an arm's joint limits, nearest first.
 
-Used by every inverse kinematics; it knows limits and whole turns, no arm.
+Used by every inverse kinematics; about limits and whole turns, not about arms.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ def inside(candidates: Array, joints: JointRange) -> Array:
 
 
 def some_inside(candidates: Array, joints: JointRange, which: tuple[int, ...]) -> bool:
-    """Tell whether a candidate keeps the limits of some joints, whatever the others do.
+    """Return whether a candidate keeps the limits of some joints, whatever the others do.
 
     Args:
         candidates: (m, n) [rad or m]
@@ -182,7 +182,7 @@ def nearest_turn(q: float, seed: float, limits: tuple[float, float]) -> float | 
 
 
 def out_of_limits(candidates: Array, joints: JointRange) -> UnreachableError:
-    """Say which limits keep the arm from a pose, taking the candidate that passes them least.
+    """Name the limits that keep an arm from a pose, by the candidate that passes them least.
 
     Args:
         candidates: (m, n), m >= 1, none of them inside the limits

@@ -159,7 +159,7 @@ class StatePublisher:
         self._health_due = now + HEALTH_PERIOD_S / len(names)
         name = names[self._turn % len(names)]
         self._turn += 1
-        return Health.of({**health.per_arm, name: self._world.arm(name).health()})
+        return Health.of({**health.per_arm, name: self._world.arm(name).joints.health()})
 
     def _show(self, state: LoopState) -> None:
         self._state, self._made_s = state, self._clock.now()

@@ -172,14 +172,14 @@ def layout_of(world: World, number: int) -> Layout:
     rest, drive, rate = np.zeros(first), np.zeros((first, model.nq)), np.zeros((first, model.nv))
     live: list[int] = []
     for arm in arms:
-        if world.arm(arm.name).motors.welded:
-            rest[arm.columns] = world.arm(arm.name).positions()
+        if world.arm(arm.name).runtime.motors.welded:
+            rest[arm.columns] = world.arm(arm.name).joints.positions()
             continue
         rows = table.arms[arm.name].rows
         drive[arm.columns], rate[arm.columns] = table.drive[rows], table.rate[rows]
         live += range(arm.columns.start, arm.columns.stop)
     servos = np.arange(len(table))
-    views = [arm.pose_view() for arm in world.arms.values()]
+    views = [arm.runtime.tip.view() for arm in world.arms.values()]
     tips = [model.site(naming.frame_site(name, "tip")).id for name in world.arms]
     return Layout(
         number,

@@ -226,7 +226,7 @@ def mover(world: World, duration_s: float, motion: str) -> Move:
             world.set_state(name, q)
         return _player(world, sine.positions, every)
     times = tick * np.arange(1, count + 1, dtype=np.float64)
-    arms = [arm for arm in world.arms.values() if arm.type == "PSM"]
+    arms = [arm for arm in world.arms.values() if arm.description.type == "PSM"]
     tables = {arm.name: swings(arm, times, number) for number, arm in enumerate(arms)}
     return _player(world, tables, every if tables else 1)
 
@@ -239,15 +239,15 @@ def swings(arm: Arm, times: Array, number: int) -> Array:
         times: since the motion began (k,) [s]
         number: of the instrument; sets the phase
     """
-    still = arm.snapshot(None).setpoint
+    still = arm.runtime.snapshot(None).setpoint
     found = np.tile(still, (len(times), 1))
     begin = np.clip(times / BEGIN_S, 0.0, 1.0)
-    for joint, name in enumerate(arm.joint_names):
+    for joint, name in enumerate(arm.joints.names):
         if name not in SWINGS:
             continue
         far, often = SWINGS[name]
         middle = max(still[joint], far) if name == "jaw" else still[joint]  # it opens and closes
-        room = SHARE * min(arm.upper[joint] - middle, middle - arm.lower[joint])
+        room = SHARE * min(arm.joints.upper[joint] - middle, middle - arm.joints.lower[joint])
         phase = 2.1 * number + joint
         swing = np.sin(2.0 * np.pi * often * times + phase) - np.sin(phase) * (1.0 - begin)
         found[:, joint] += begin * (middle - still[joint] + min(far, max(room, 0.0)) * swing)

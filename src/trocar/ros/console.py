@@ -34,7 +34,7 @@ from trocar.ros.topic import (
     latched,
     state,
 )
-from trocar.simulation.journal import WORLD
+from trocar.simulation.journal import WORLD, verb_of
 
 if TYPE_CHECKING:
     from trocar.simulation import World
@@ -105,23 +105,23 @@ class Bedside:
 
     def _mount(self, world: World, name: str, tool: str) -> None:
         arm = world.arm(name)
-        if (arm.tool or NO_TOOL) == tool:
+        if (arm.description.tool or NO_TOOL) == tool:
             return
         if tool != NO_TOOL:
             self._check_adapter(name)
-        arm.set_tool_type(tool)
+        arm.runtime.set_tool_type(tool)
 
     def _put(self, world: World, name: str, on: bool) -> None:
         """Put the last tool on again, or take the tool off."""
         arm = world.arm(name)
-        if on and not arm.tool:
+        if on and not arm.description.tool:
             self._check_adapter(name)
             if name not in self._last_tool:
                 self.emit(f"{name}/tool_type_request", {})
                 return
             self._mount(world, name, self._last_tool[name])
-        elif not on and arm.tool:
-            self._last_tool[name] = arm.tool
+        elif not on and arm.description.tool:
+            self._last_tool[name] = arm.description.tool
             self._mount(world, name, NO_TOOL)
 
     def _adapt(self, name: str, values: Mapping[str, Any], world: World) -> None:
@@ -151,15 +151,15 @@ class Bedside:
             if name in self._loose:
                 self._loose[name] = self._loose[name][0], state.time
             elif locked:
-                arm.release_brakes(locked)
+                arm.brakes.release(locked)
                 self._loose[name] = locked, state.time
-        getattr(arm, verb)(**values)
+        verb_of(arm, name, verb)(**values)
 
     def begin(self, loop: Loop) -> Callable[[], None]:
         """Publish which arms have adapters, and watch ticks; call the result to stop."""
         self._world = loop.world
         for name, arm in loop.world.arms.items():
-            if arm.type == "PSM":
+            if arm.description.type == "PSM":
                 self.show_adapter(name)
         return loop.watch(self)
 
@@ -175,12 +175,12 @@ class Bedside:
         world = self._world
         for name, (joints, since) in tuple(self._loose.items()):
             arm = world.arm(name)
-            if arm.busy:
+            if arm.operating_state().is_busy:
                 self._loose[name] = joints, world.time
             elif world.time < since:  # a reset came between, which locks every brake
                 del self._loose[name]
             elif at_rest(arm) or world.time - since > PATIENCE_S:
-                arm.lock_brakes(joints)
+                arm.brakes.lock(joints)
                 del self._loose[name]
 
 

@@ -41,7 +41,7 @@ class Parameters:
         self.controllers = {
             f"{name}/{joint}_controller": (name, joint)
             for name, arm in core.loop.world.arms.items()
-            for joint in arm.joint_names
+            for joint in arm.joints.names
         }
 
     @property
@@ -60,7 +60,7 @@ class Parameters:
     def gains(self, controller: str) -> dict[str, float]:
         """Return the gains of a joint, {"p": ..., "i": ..., "d": ...}."""
         arm, joint = self.controllers[controller]
-        return dict(zip(LETTERS, self._core.loop.world.arm(arm).gains(joint), strict=True))
+        return dict(zip(LETTERS, self._core.loop.world.arm(arm).joints.gains(joint), strict=True))
 
     def set_gains(self, place: tuple[str, str], name: str, given: Mapping[str, object]) -> str:
         """Set gains of a joint; return why some are rejected, which is published, too, or "".

@@ -125,7 +125,7 @@ def _forward(local: bool) -> Callable[[Arm, Message], Answer]:
         try:
             q = vector(request, "jp")
             T_base_link = _link(arm, q)
-            T = T_base_link if local else arm.base_frame()[0] @ T_base_link
+            T = T_base_link if local else arm.local.base_frame()[0] @ T_base_link
         except TrocarError as problem:
             return {"cp": build.pose(np.eye(4)), "result": False, "message": str(problem)}
         return {"cp": build.pose(T), "result": True, "message": ""}
@@ -136,12 +136,12 @@ def _forward(local: bool) -> Callable[[Arm, Message], Answer]:
 def _link(arm: Arm, q: Array) -> Array:
     own = arm.description.own_joints
     if len(q) > own:
-        names = arm.joint_names[:own]
+        names = arm.joints.names[:own]
         raise InputError(
             f"got {len(q)} numbers in jp; allowed: up to {own}, for {', '.join(names)}"
         )
     if len(q) == own:
-        return inverse(arm.base_frame()[0]) @ arm.forward_kinematics(q).T
+        return inverse(arm.local.base_frame()[0]) @ arm.forward_kinematics(q).T
     return link_pose(arm.description.mechanism, arm.description.inverse_kinematics, q)
 
 
@@ -184,7 +184,7 @@ def actuator_matrix(arm: Arm) -> Array:
         return MTM_ACTUATORS.copy()
     A = np.eye(len(described.joints))
     if described.coupling is not None:
-        which = [arm.joint_names.index(name) for name in described.coupling.joints]
+        which = [arm.joints.names.index(name) for name in described.coupling.joints]
         A[np.ix_(which, which)] = described.coupling.actuator_to_joint
     return A
 

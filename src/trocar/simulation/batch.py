@@ -15,8 +15,8 @@ import numpy as np
 from mujoco.batch import Batch as Rows
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.descriptions.records import CART, DISPLAY, RigArm, RigDescription
-from trocar.descriptions.rig_frames import Places
+from trocar.descriptions.records import RigArm, RigDescription
+from trocar.descriptions.rig_frames import Places, pose_origin
 from trocar.errors import (
     DivergedError,
     InputError,
@@ -40,7 +40,7 @@ from trocar.simulation.drives import (
 from trocar.simulation.frames import Frames
 from trocar.simulation.object_kinematics import ObjectKinematics
 from trocar.simulation.reading_errors import ReadingErrors
-from trocar.simulation.servos import POSITION, pid_effort, read_matrix, voltage_loss
+from trocar.simulation.servos import POSITION, MotorEffort, pid_effort, read_matrix
 from trocar.simulation.supervision import GRAVITY_PERIOD_S
 from trocar.simulation.world import World
 
@@ -53,7 +53,7 @@ LIMIT_FIELD = "actuator_forcerange"
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """Where n worlds are after a step; J joints in the order of `Batch.names`.
+    """Readings of n worlds after a step; J joints in the order of `Batch.names`.
 
     Attributes:
         time: (n,) [s]
@@ -72,7 +72,7 @@ class Readings:
 
     @cached_property
     def local_tips(self) -> dict[str, Array]:
-        """{arm: pose of the tip in its own reference frame, (n, 4, 4)}, as `local_measured_cp`."""
+        """{arm: pose of the tip in its own reference frame, (n, 4, 4)}, as `Arm.local`."""
         return self.batch.local_tips(self.q)
 
     @cached_property
@@ -141,7 +141,8 @@ class Batch:
         self._gains = np.broadcast_to(self._effective(), (self.n, len(self.names), 3))
         self._read = self._own_read()
         driven = self._servos["locked"] == 0
-        self._limit = np.where(driven, self._servos["limit"], 0.0)
+        self._motors = MotorEffort(self._table, slice(None))
+        self._motors.renew(np.where(driven, self._servos["limit"], 0.0))
         self._ctrl = self._rows.bind("ctrl")
         self._qpos = self._rows.bind("qpos")
         self._objects = ObjectKinematics(self.rig, self._model)
@@ -176,7 +177,7 @@ class Batch:
         self._periods = np.zeros(self.n, np.int64)
         scratch = mujoco.MjData(self._model)
         self._scratch, self._frames = scratch, Frames(self.rig, self._table, self._model, scratch)
-        places = Places(self.rig, lambda name: world.arm(name).positions())
+        places = Places(self.rig, lambda name: world.arm(name).joints.positions())
         self._references = {name: places.reference_pose(name) for name in self._arms}
         self._seed = np.random.SeedSequence(seed)
         self.rngs: list[np.random.Generator] = []
@@ -276,7 +277,7 @@ class Batch:
         return self.read(rejected)
 
     def read(self, rejected: Mapping[str, NDArray[np.bool_]] | None = None) -> Readings:
-        """Return where all worlds are now."""
+        """Return the readings of all worlds now."""
         numbers = self._numbers()
         for errors, row in zip(self._errors, numbers, strict=False):
             nq, nv = self._model.nq, self._model.nv
@@ -289,7 +290,7 @@ class Batch:
     # ------------------------------------------------------------------ what may differ
 
     def set_gains(self, p: ArrayLike, i: ArrayLike, d: ArrayLike) -> None:
-        """Give worlds gains of their own, (n, J) each or anything that broadcasts to it."""
+        """Set gains of each world, (n, J) each or anything that broadcasts to it."""
         shape = (self.n, len(self.names))
         try:
             gains = np.stack([np.broadcast_to(np.asarray(g, float), shape) for g in (p, i, d)], -1)
@@ -358,11 +359,11 @@ class Batch:
 
     @property
     def _on(self) -> NDArray[np.bool_]:
-        """Which joints their servos drive, (J,)."""
+        """Mask of the joints that their servos drive, (J,)."""
         return (self._servos["modes"] == POSITION) & (self._servos["locked"] == 0)
 
     def _numbers(self) -> Array:
-        """Return what READ is multiplied with in every world, a copy, (n, size)."""
+        """Return the factor of READ in every world, a copy, (n, size)."""
         state = self._rows.state
         behind = 1 + self._model.nq + self._model.nv + self._model.na  # the time is first
         return np.concatenate([state[:, 1:behind], self._ctrl], axis=1)
@@ -379,8 +380,8 @@ class Batch:
             inputs = numbers[:, -nu:].reshape(self._inputs.shape)
             act = numbers[:, self._model.nq + self._model.nv : -nu]
             effort = pid_effort(self._gains, inputs, act, q, qd)
-        effort = np.clip(effort, -self._limit, self._limit)
-        return q, qd, effort - voltage_loss(self._table.slope, self._table.corner, qd)
+        self._motors.limit(effort, qd)
+        return q, qd, effort
 
     def _effective(self) -> Array:
         return self._servos["gains"] * self._on[:, None]
@@ -433,14 +434,10 @@ class Batch:
         local = self.local_tips(self._inputs[:, :, 0])
         goals = inverse(self._base(name, local)) @ check_transform(T)
         rejected = np.zeros(self.n, np.bool_)
-        structure = arm.inverse_kinematics
-        platform = 3 if structure == "gimbal_arm" else None
         for world in range(self.n):
-            seed = positions[world, own]
-            angle = None if platform is None else float(seed[platform])
             try:
                 positions[world, own] = nearest_solution(
-                    arm.mechanism, structure, goals[world], seed, platform_angle=angle
+                    arm.mechanism, arm.inverse_kinematics, goals[world], positions[world, own]
                 )
             except (UnreachableError, SingularError):
                 rejected[world] = True
@@ -448,19 +445,15 @@ class Batch:
 
     def _base(self, name: str, local: Mapping[str, Array]) -> Array:
         """Return an arm's reference frame in the frame of its public poses, (n, 4, 4) or (4, 4)."""
-        arm = self._arms[name]
-        if arm.base_frame is not None:
-            return arm.base_frame.pose
-        frame = self.rig.pose_frame(name, self.rig.reference_arm)
-        if frame == arm.own_frame:
-            return np.eye(4)
-        own = self._references[name]
-        if frame == DISPLAY and self.rig.display is not None:
-            return inverse(self.rig.display) @ own
-        if frame == CART:
-            return inverse(self._references[arm.on]) @ own
-        seen = inverse(self._references[frame] @ local[frame]) @ own
-        return self._error_state["registration"].get(name, np.eye(4)) @ seen
+
+        def tip(other: str) -> Array:
+            return self._references[other] @ local[other]
+
+        origin = pose_origin(self.rig, name, self.rig.reference_arm)
+        base = origin.base_pose(name, self._references.__getitem__, tip)
+        if not origin.tip:
+            return base
+        return self._error_state["registration"].get(name, np.eye(4)) @ base
 
     def _balance(self, world: int) -> None:
         """Feed forward what holds every motor's load in one world."""

@@ -40,7 +40,7 @@ class ComputedTorque:
     def efforts(
         self, state: tuple[Array, Array], setpoint: Array, gains: Array, acceleration: Array
     ) -> Array:
-        """Return what servos of the joints exert beside P e + I integral + D e', (J,).
+        """Compute the efforts that are added to P e + I integral + D e', (J,).
 
         Args:
             state: coordinates and rates, (nq,) and (nv,)

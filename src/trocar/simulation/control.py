@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from trocar.errors import RejectedError
+from trocar.simulation.cameras import CameraRecord
 from trocar.simulation.frames import Frames
 from trocar.simulation.journal import Journal
 from trocar.simulation.motors import Motors
@@ -28,10 +30,11 @@ BRAKE_SLACK = 1e-4
 LARGEST = 1e6
 
 log = logging.getLogger("trocar")
+OnReject = Literal["warn", "raise"]
 
 
 class ArmWorld(Protocol):
-    """What an arm needs of its world."""
+    """A `World` as its arms use it, declared here because world.py imports the arms."""
 
     @property
     def journal(self) -> Journal:
@@ -53,6 +56,15 @@ class ArmWorld(Protocol):
         """Arm on setup joints whose tip frame the poses of the others are in."""
         ...
 
+    @property
+    def on_reject(self) -> OnReject:
+        """Whether rejected commands warn or raise."""
+        ...
+
+    def cameras(self) -> dict[str, CameraRecord]:
+        """Return every camera of the rig, by name, with its present pose."""
+        ...
+
     def base_pose(self, name: str) -> tuple[Array, str]:
         """Return the pose of an arm's reference frame in the frame of its public poses."""
         ...
@@ -67,24 +79,45 @@ class ArmWorld(Protocol):
 
 
 class Rejections:
-    """Checks an arm's commands and warns of those that it rejects or clips.
+    """Checks an arm's commands; counts and reports those that it rejects or clips.
+
+    Args:
+        arm: its name
+        world: where it is
 
     Attributes:
-        count: how many commands were rejected or clipped
+        count: number of rejected and clipped commands
         last: the last reason
     """
 
-    def __init__(self, arm: str, time: Callable[[], float], journal: Journal) -> None:
+    def __init__(self, arm: str, world: ArmWorld) -> None:
         self.count = 0
         self.last = ""
-        self._arm, self._time, self._journal = arm, time, journal
+        self._arm, self._world, self._journal = arm, world, world.journal
         self._limit = RateLimit()
 
+    def reject(self, verb: str, kind: str, why: str) -> None:
+        """Count a rejected command, and warn of it or raise as the world's `on_reject` has it.
+
+        Args:
+            verb: of the command
+            kind: of the reason; a warning of a streamed command of a kind comes once in a while
+            why: reason
+
+        Raises:
+            RejectedError: `on_reject` is "raise"
+        """
+        if self._world.on_reject == "raise":
+            self.count += 1
+            self.last = f"{verb}: {why}"
+            raise RejectedError(self._arm, verb, why)
+        self.warn(f"{verb} {kind}", f"{verb}: {why}")
+
     def warn(self, kind: str, reason: str) -> None:
-        """Count a rejected or clipped command; warn of streamed ones of a kind once in a while."""
+        """Count a clipped command and warn of it; of streamed ones of a kind once in a while."""
         self.count += 1
         self.last = reason
-        left_out = self._limit.due(kind, self._time(), burst(kind))
+        left_out = self._limit.due(kind, self._world.time, burst(kind))
         if left_out is None:
             return
         text = reason + suffix(left_out)
@@ -107,7 +140,7 @@ class Rejections:
     def vector(
         self, values: ArrayLike, names: tuple[str, ...], verb: str, what: str
     ) -> Array | None:
-        """Return one finite number per name, (n,) float64, or warn and return None."""
+        """Return one finite number per name, (n,), or reject the command and return None."""
         allowed = f"{len(names)} numbers for {', '.join(names)}"
         try:
             array = np.asarray(values)
@@ -115,27 +148,24 @@ class Rejections:
             array = np.asarray(None)
         if array.shape != (len(names),):
             got = f"of shape {array.shape}" if array.dtype.kind in "iuf" else "that are no numbers"
-            self.warn(f"{verb} {what} shape", f"{verb}: got {what} {got}; allowed: {allowed}")
+            self.reject(verb, f"{what} shape", f"got {what} {got}; allowed: {allowed}")
             return None
         if array.dtype.kind not in "iuf":
-            self.warn(
-                f"{verb} {what} type",
-                f"{verb}: got {what} {array.tolist()!r}; allowed: {allowed}",
-            )
+            why = f"got {what} {array.tolist()!r}; allowed: {allowed}"
+            self.reject(verb, f"{what} type", why)
             return None
         if not (np.abs(array) <= LARGEST).all():  # NaN is not either
-            self.warn(
-                f"{verb} {what} finite",
-                f"{verb}: got {what} {array.tolist()}; allowed: finite numbers, magnitude up to"
-                f" {LARGEST:g}",
+            why = (
+                f"got {what} {array.tolist()}; allowed: finite numbers, magnitude up to {LARGEST:g}"
             )
+            self.reject(verb, f"{what} finite", why)
             return None
         return array.astype(np.float64)
 
 
 @dataclass(frozen=True, eq=False)
 class ControlState:
-    """What `JointControl.save` returns; profiles are never written after they are made.
+    """State of a `JointControl`; profiles are never written after they are made.
 
     The names of its fields are in pickled states and in recordings.
     """
@@ -190,9 +220,7 @@ class JointControl:
         )
         self.states = before.states if before else States()
         self.strict_limits = before.strict_limits if before else False
-        self.rejections = (
-            before.rejections if before else Rejections(name, lambda: clock.time, clock.journal)
-        )
+        self.rejections = before.rejections if before else Rejections(name, clock)
         if before:
             self.moves.velocity_ratio = before.moves.velocity_ratio
             self.moves.acceleration_ratio = before.moves.acceleration_ratio
@@ -437,10 +465,10 @@ class JointControl:
     # ------------------------------------------------------------------ state
 
     def ready(self, verb: str) -> bool:
-        """Return whether the operating state lets the arm move, with a warning when not."""
+        """Return whether the operating state lets the arm move; reject the command when not."""
         why = self.states.why_not_ready()
         if why:
-            self.rejections.warn(f"{verb} {why}", f"{verb}: {why}")
+            self.rejections.reject(verb, why, why)
         return not why
 
     def report(self, event: str, **values: object) -> None:
@@ -453,7 +481,7 @@ class JointControl:
         self.report("goal_reached", reached=motion.goal_reached)
 
     def _here(self) -> Array:
-        """Return where the joints are, inside their limits, (n,)."""
+        """Return the measured positions, clipped to the limits, (n,)."""
         return np.clip(self.motors.positions(), self.lower, self.upper)
 
     def _rest_here(self, which: Sequence[int], part: slice) -> None:
@@ -463,7 +491,7 @@ class JointControl:
         m.position[which], m.velocity[which], m.effort[which] = here[which], 0.0, 0.0
 
     def _immobile(self, part: slice, verb: str) -> bool:
-        """Warn and return True when no joint could follow."""
+        """Reject a command and return True when no joint could follow."""
         if not self.ready(verb):
             return True
         m = self.motors
@@ -476,7 +504,7 @@ class JointControl:
             why = 'every joint is in mode "effort"; nothing moves'
         else:
             return False
-        self.rejections.warn(f"{verb} stuck", f"{verb}: {why}")
+        self.rejections.reject(verb, "stuck", why)
         return True
 
     def _slowed(self, speed: Array, part: slice, verb: str) -> Array:
@@ -503,9 +531,8 @@ class JointControl:
         if (inside != target).any():
             beyond = ", ".join(n for n, c in zip(names, inside != target, strict=True) if c)
             if self.strict_limits:
-                self.rejections.warn(
-                    f"{verb} {beyond} strict", f"{verb}: {beyond} beyond the limit; nothing moves"
-                )
+                why = f"{beyond} beyond the limit; nothing moves"
+                self.rejections.reject(verb, f"{beyond} strict", why)
                 return None
             self.rejections.warn(
                 f"{verb} {beyond} clipped", f"{verb}: {beyond} clipped to the limit"
@@ -546,7 +573,7 @@ State = Literal["DISABLED", "ENABLED", "PAUSED", "FAULT"]
 
 @dataclass(frozen=True)
 class OperatingState:
-    """What an arm is up to at a time [s].
+    """CRTK's operating state of an arm at a time [s].
 
     Attributes:
         state: DISABLED (no power), ENABLED, PAUSED (holds, takes no commands) or FAULT
@@ -593,7 +620,7 @@ class States:
         return self.homed and self.state == "ENABLED"
 
     def why_not_ready(self) -> str:
-        """Return why motion commands are rejected, "" when they are not."""
+        """Return the reason to reject motion commands, "" without one."""
         if self.state == "PAUSED":
             return "the arm is PAUSED; resume it first"
         if self.state != "ENABLED":
@@ -601,7 +628,7 @@ class States:
         return "" if self.homed else "the arm is not homed; home it first"
 
     def why_not(self, command: str) -> str:
-        """Return why a state command is rejected, "" when it is not."""
+        """Return the reason to reject a state command, "" without one."""
         required: dict[str, tuple[State, ...]] = {
             "pause": ("ENABLED",),
             "resume": ("PAUSED",),
@@ -628,7 +655,7 @@ class Homing:
         self._arrived = np.inf
 
     def look(self, measured: Array, time: float) -> Literal["", "home", "stopped", "late"]:
-        """Return how it ended, "" while it has not. `measured` is (n,) [rad or m]."""
+        """Return the outcome, "" while under way. `measured` is (n,) [rad or m]."""
         if not self.way.done:
             return ""
         if not self.way.goal_reached:
@@ -639,5 +666,5 @@ class Homing:
         return "late" if time - self._arrived > PATIENCE_S else ""
 
     def far(self, measured: Array) -> NDArray[np.bool_]:
-        """Return which joints are not home, (n,)."""
+        """Return a mask of the joints that are not home, (n,)."""
         return np.abs(measured - self.way.goal) > self._near

@@ -22,7 +22,7 @@ WrenchFrame = Literal["body", "spatial"]
 
 @dataclass(frozen=True, eq=False)
 class TipState:
-    """Where an arm is, for a controller; n joints without the jaw.
+    """State of an arm, for a controller; n joints without the jaw.
 
     Attributes:
         q, qd: joint positions and velocities, (n,) [rad or m, per s]
@@ -78,7 +78,7 @@ class RegisteredController:
     inner: Controller
 
     def act(self, now: TipState) -> Action:
-        """Return what the controller answers.
+        """Return the controller's action, checked.
 
         Raises:
             ControllerError: it raises, or its efforts are not (n,) finite numbers

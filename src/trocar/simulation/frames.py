@@ -1,7 +1,8 @@
-"""Where frames, tips and centres of gravity are, from the state as it is: never from leftovers.
+"""Poses of frames, tips and bodies, computed from the present coordinates.
 
-MuJoCo leaves poses where the last step began. Everything that is read is computed anew on a shadow
-MjData, which is never stepped.
+MuJoCo leaves poses where the last step began. Everything that is read is computed anew on two
+MjData of its own that are never stepped: one has bodies as the physics has them, the other frames
+as the measured joints have them.
 """
 
 from __future__ import annotations
@@ -14,10 +15,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.records import CART, DISPLAY, RigArm, RigDescription
+from trocar.descriptions.records import RigArm, RigDescription
+from trocar.descriptions.rig_frames import pose_origin
 from trocar.errors import LoopError
 from trocar.geometry.se3 import inverse
 from trocar.kinematics.forward import coordinates
+from trocar.kinematics.inverse import newton
 from trocar.kinematics.loops import LoopTable, coordinate_rates, folding_table, passive_frames
 from trocar.modeling import naming
 from trocar.modeling.joints import JointTable
@@ -30,9 +33,9 @@ IDENTITY = np.eye(4)
 #: Newton's method brings a tip to a pose to this [m or rad]. Source: our own choice; rounding is
 #: some 1e-15, and 1e-9 is promised.
 REACHED = 1e-11
-#: It takes at most so many steps, each of at most the second figure [rad or m]. Source: our own
-#: choice; from a closed form that is off by some mm it takes three.
-NEWTON_STEPS, LONGEST_STEP = 10, 0.2
+#: It takes at most so many steps. Source: our own choice; from a closed form that is off by some mm
+#: it takes three.
+NEWTON_STEPS = 10
 
 
 class Frames:
@@ -88,19 +91,34 @@ class Frames:
     def _qpos(self) -> Array:
         return self._true_qpos if self._errors is None else self._errors.qpos()
 
+    @property
+    def arms(self) -> tuple[str, ...]:
+        """Names of the rig's arms."""
+        return tuple(self._known)
+
     def register(self, registration: Mapping[str, Array] | None) -> None:
         """Set where cameras' frames are reported, {arm: in the true frame of its poses (4, 4)}."""
         self._registration = registration or {}
         self._views.clear()
 
+    @property
+    def scratches(self) -> tuple[mujoco.MjData, mujoco.MjData]:
+        """The two MjData that `bodies` and `tips` fill; others only prepare them."""
+        return self._bodies, self._posed
+
     @cached_property
-    def shadow(self) -> mujoco.MjData:
-        """An MjData of the same model, made when first needed; `bodies` and `tips` fill it."""
+    def _bodies(self) -> mujoco.MjData:
+        """Bodies where the physics has them, as of the last call of `bodies`."""
+        return mujoco.MjData(self._model)
+
+    @cached_property
+    def _posed(self) -> mujoco.MjData:
+        """Frames where joint positions have them, as of the last read-out of a pose."""
         return mujoco.MjData(self._model)
 
     @cached_property
     def _shown(self) -> Array:
-        return self.shadow.qpos
+        return self._posed.qpos
 
     @cached_property
     def _tip(self) -> dict[str, Site]:
@@ -115,34 +133,31 @@ class Frames:
         found: dict[str, Site] = {}
         for arm in self._known:
             site = self._model.site(naming.frame_site(arm, frame))
-            at, turn = self.shadow.site_xpos[site.id], self.shadow.site_xmat[site.id]
+            at, turn = self._posed.site_xpos[site.id], self._posed.site_xmat[site.id]
             found[arm] = Site(site.id, int(site.bodyid[0]), at, turn.reshape(3, 3))
         return found
 
-    # ------------------------------------------------------------------ what the shadow holds
+    # ------------------------------------------------------------------ the scratch data
 
     def bodies(self) -> mujoco.MjData:
-        """Return the shadow with bodies where the physics has them now."""
-        self._shown[:] = self._qpos
-        mujoco.mj_kinematics(self._model, self.shadow)
-        return self.shadow
+        """Compute bodies where the physics has them now; valid until the next call of this."""
+        self._bodies.qpos[:] = self._qpos
+        mujoco.mj_kinematics(self._model, self._bodies)
+        return self._bodies
 
     def tips(self) -> mujoco.MjData:
-        """Return the shadow with frames where the measured joints have them."""
-        np.dot(self._project, self._qpos, out=self._shown)
-        for linkage in self._skew:
-            linkage.close(self._qpos, self._shown)
-        mujoco.mj_kinematics(self._model, self.shadow)
-        return self.shadow
+        """Compute frames where the measured joints have them; valid until the next pose."""
+        return self._pose()
 
-    def tips_at(self, name: str, q: Array) -> mujoco.MjData:
-        """Return the shadow as `tips` does, with one arm at joint positions, (n,)."""
+    def _pose(self, name: str = "", q: Array | None = None) -> mujoco.MjData:
+        """Put frames where the measured joints have them, one arm at other joints (n,) if given."""
         np.dot(self._project, self._qpos, out=self._shown)
         for linkage in self._skew:
             linkage.close(self._qpos, self._shown)
-        self._shown[self._table.arms[name].qpos] = self._linkages[name].at(q)[0]
-        mujoco.mj_kinematics(self._model, self.shadow)
-        return self.shadow
+        if q is not None:
+            self._shown[self._table.arms[name].qpos] = self._linkages[name].at(q)[0]
+        mujoco.mj_kinematics(self._model, self._posed)
+        return self._posed
 
     def posed(self, q: Mapping[str, Array], out: mujoco.MjData) -> mujoco.MjData:
         """Put another MjData's frames where `tips` has them, with arms at joint positions.
@@ -162,12 +177,12 @@ class Frames:
 
     def measured(self, name: str) -> Array:
         """Return an arm's tip in its own reference frame, (4, 4)."""
-        self.tips()
+        self._pose()
         return self._tip[name].seen_from(self._reference[name])
 
     def local_at(self, name: str, q: Array) -> Array:
         """Return the tip at joint positions (n,) as `measured` does, of an arm that `follows`."""
-        self.tips_at(name, q)
+        self._pose(name, q)
         return self._tip[name].seen_from(self._reference[name])
 
     def public(self, name: str, reference_arm: str) -> tuple[Array, str]:
@@ -177,15 +192,15 @@ class Frames:
     def public_at(self, name: str, q: Array, reference_arm: str) -> tuple[Array, str]:
         """Return the tip at joint positions as `public` does, of an arm that `follows`."""
         origin, before, frame = self._origin(name, reference_arm)
-        self.tips_at(name, q)
+        self._pose(name, q)
         T = self._tip[name].seen_from(origin)
         return (T if before is None else before @ T), frame
 
     def depth(self, name: str) -> float:
-        """Return how far past the remote centre an instrument's first wrist joint is [m]."""
-        shadow, bodies = self.tips(), self._table.arms[name].bodies
-        shaft = shadow.xmat[bodies["roll"]][2::3]
-        return float(shaft @ (shadow.xpos[bodies["wrist_pitch"]] - self._reference[name].at))
+        """Return the distance of an instrument's wrist past the remote centre [m]."""
+        posed, bodies = self._pose(), self._table.arms[name].bodies
+        shaft = posed.xmat[bodies["roll"]][2::3]
+        return float(shaft @ (posed.xpos[bodies["wrist_pitch"]] - self._reference[name].at))
 
     def base_pose(self, name: str, reference_arm: str) -> tuple[Array, str]:
         """Return an arm's reference frame in the frame of its public poses, and that one's name.
@@ -202,28 +217,30 @@ class Frames:
         reference = self._reference[name]
         if origin is reference:
             return T if before is None else inverse(before).dot(T)
-        self.tips()
-        if before is not None:
-            T = inverse(before).dot(T)
-        return origin.seen_from(reference).dot(T)
+        self._pose()
+        seen = T if before is None else inverse(before).dot(T)
+        return origin.seen_from(reference).dot(seen)
 
     def reference_pose(self, name: str) -> Array:
         """Return the pose of an arm's reference frame in the world, (4, 4)."""
-        self.tips()
+        self._pose()
         return self._reference[name].pose()
 
     def tip_pose(self, name: str) -> Array:
         """Return an arm's tip in the world, (4, 4)."""
-        self.tips()
+        self._pose()
         return self._tip[name].pose()
 
-    def remote_centres(self) -> dict[str, Array]:
+    def remote_centres(self, bodies: mujoco.MjData | None = None) -> dict[str, Array]:
         """Return the remote centre of every arm that has one, in the world, (3,) [m].
 
-        Setup joints alone move it, and they have no loops: the shadow shows bodies after this call.
+        Setup joints alone move it, and they have no loops.
+
+        Args:
+            bodies: what `bodies` returned for the present state; computed when omitted
         """
-        self.bodies()
-        return {name: self._reference[name].at.copy() for name in self._centred}
+        at = (self.bodies() if bodies is None else bodies).site_xpos
+        return {name: at[self._reference[name].id].copy() for name in self._centred}
 
     def follows(self, name: str) -> bool:
         """Return whether hinges of an arm follow its joints in closed form, loops included.
@@ -240,7 +257,7 @@ class Frames:
             frame: "body": of the tip in its axes; "spatial": of the point at the reference frame's
                 origin in that frame's axes
         """
-        self.tips()
+        self._pose()
         linkage = self._linkages[name]
         seen = self._tip[name] if frame == "body" else self._reference[name]
         rates = linkage.at(linkage.drive.dot(self._qpos))[1]
@@ -263,41 +280,43 @@ class Frames:
             (n,), whatever the limits; None where it does not get there
         """
         linkage, tip, shown = self._linkages[name], self._tip[name], self._shown
-        self.bodies()
+        shown[:] = self._qpos
+        mujoco.mj_kinematics(self._model, self._posed)
         goal = self._reference[name].pose().dot(T)
         at, axes = goal[:3, 3], goal[:3, :3]
         every, miss = np.zeros(linkage.drive.shape[0]), np.empty(6)
-        found, far, longest = every[: len(q)], miss[:3], np.inf
+        found, far, near = every[: len(q)], miss[:3], False
         found[:] = q
-        for _ in range(NEWTON_STEPS):
+
+        def step(longest: float) -> Array | None:
+            nonlocal near
             try:
                 shown[linkage.qpos], rates = linkage.at(every)
             except LoopError:
                 return None
-            mujoco.mj_kinematics(self._model, self.shadow)
+            mujoco.mj_kinematics(self._model, self._posed)
             np.subtract(at, tip.at, out=far)
             (r00, r01, r02), (r10, r11, r12), (r20, r21, r22) = axes.dot(tip.turn.T).tolist()
             miss[3:] = 0.5 * (r21 - r12), 0.5 * (r02 - r20), 0.5 * (r10 - r01)
             missed = max(map(abs, miss.tolist()))
             if missed < REACHED or longest < REACHED:
-                return found if missed <= tolerance and r00 + r11 + r22 > 1.0 else None
+                near = missed <= tolerance and r00 + r11 + r22 > 1.0
+                return None
             J = self._slope(tip.body, tip.at, rates)[:, : len(q)]
             try:
-                step = (
-                    np.linalg.solve(J, miss)
-                    if len(q) == 6
-                    else np.linalg.solve(J.T.dot(J), miss.dot(J))
-                )
+                square = J if len(q) == 6 else J.T.dot(J)
+                change = np.linalg.solve(square, miss if len(q) == 6 else miss.dot(J))
+                return np.asarray(change, dtype=np.float64)
             except np.linalg.LinAlgError:
                 return None
-            longest = max(map(abs, step.tolist()))
-            found += step if longest <= LONGEST_STEP else step * (LONGEST_STEP / longest)
-        return None
+
+        newton(found, step, NEWTON_STEPS)
+        return found if near else None
 
     def _slope(self, body: int, point: Array, rates: Array) -> Array:
-        """Return how a point of a body moves with the joints that hinges follow, (6, n)."""
-        mujoco.mj_comPos(self._model, self.shadow)
-        mujoco.mj_jac(self._model, self.shadow, self._linear, self._angular, point, body)
+        """Return the Jacobian of a point of a body in the joints that hinges follow, (6, n)."""
+        mujoco.mj_comPos(self._model, self._posed)
+        mujoco.mj_jac(self._model, self._posed, self._linear, self._angular, point, body)
         return self._jacobian.dot(rates)
 
     # ------------------------------------------------------------------ weight
@@ -307,10 +326,10 @@ class Frames:
 
         See `joint_efforts`.
         """
-        shadow = self.bodies()
-        mujoco.mj_comPos(self._model, shadow)
-        mujoco.mj_rne(self._model, shadow, 0, shadow.qfrc_inverse)
-        return self.joint_efforts(shadow.qfrc_inverse, out)
+        bodies = self.bodies()
+        mujoco.mj_comPos(self._model, bodies)
+        mujoco.mj_rne(self._model, bodies, 0, bodies.qfrc_inverse)
+        return self.joint_efforts(bodies.qfrc_inverse, out)
 
     def joint_efforts(self, forces: Array, out: Array) -> Array:
         """Return the joint efforts that do the work of forces on all hinges, (J,) [N m or N].
@@ -337,12 +356,12 @@ class Frames:
     def _seen(self, site: Site, name: str, reference_arm: str) -> tuple[Array, str]:
         """Return the pose of a site in the frame of an arm's public poses, and that one's name."""
         origin, before, frame = self._origin(name, reference_arm)
-        self.tips()
+        self._pose()
         T = site.seen_from(origin)
         return (T if before is None else before @ T), frame
 
     def view(self, name: str, reference_arm: str) -> tuple[int, Array, str]:
-        """Return where the public poses of an arm are seen from: a site, its pose, the frame.
+        """Return the origin of an arm's public poses: a site, its pose, the frame.
 
         Returns:
             id of the site, its pose in the frame (4, 4), name of the frame
@@ -366,22 +385,20 @@ class Frames:
         return view
 
     def _view(self, name: str, reference_arm: str) -> tuple[Site, Array | None, str]:
-        arm, own = self._known[name], self._reference[name]
-        if arm.base_frame is not None:
-            return own, arm.base_frame.pose, arm.base_frame.name
-        frame = self._rig.pose_frame(name, reference_arm)
-        if frame == DISPLAY and self._rig.display is not None:
-            self.tips()  # a master's reference frame stands still
-            return own, inverse(self._rig.display) @ own.pose(), frame
-        if frame == arm.own_frame:
-            return own, None, frame
-        if frame == CART:
-            return self._reference[arm.on], None, frame
-        return self._tip[frame], self._registration.get(name), frame
+        origin = pose_origin(self._rig, name, reference_arm)
+        if (
+            not origin.arm
+        ):  # the reference frame of an arm that a display stands beside stands still
+            self._pose()
+            own = self._reference[name]
+            return own, origin.placed(own.pose()), origin.frame
+        if origin.tip:
+            return self._tip[origin.arm], self._registration.get(name), origin.frame
+        return self._reference[origin.arm], origin.before, origin.frame
 
 
 class Linkage:
-    """How the hinges of one arm follow its joints, where at most one joint folds its loops.
+    """Hinges of one arm as functions of its joints, where at most one joint folds its loops.
 
     Args:
         arm: the arm
@@ -402,6 +419,7 @@ class Linkage:
         self.couple, self.drive = table.couple[index.qpos][:, index.rows], table.drive[index.rows]
         self.qpos, self._dof, self._hinges = index.qpos, index.dof, index.hinges
         self._rates = table.share[index.rows].T.copy()
+        self._rates.setflags(write=False)
         self.skew = loops is not None
         if loops is not None:
             hinge = {frame: k for k, frame in enumerate(index.hinges.tolist())}
@@ -422,10 +440,10 @@ class Linkage:
             shown[self.qpos] += found[0]
 
     def at(self, q: Array) -> tuple[Array, Array]:
-        """Return where the hinges are at joint positions (n,), and d (every hinge) / d q.
+        """Return the hinges at joint positions (n,), and d (every hinge) / d q.
 
         Returns:
-            (h,) [rad or m], (nv, n); the latter is a buffer that the next call overwrites
+            (h,) [rad or m], (nv, n)
 
         Raises:
             LoopError: the loops cannot be closed there
@@ -439,8 +457,9 @@ class Linkage:
             rates[self._dof] = coordinate_rates(self._mechanism, every)[self._hinges]
             return every[self._hinges], rates
         beyond, slope = found
-        self._rates[self._dof, column] = self._coupled + slope
-        return self.couple.dot(q) + beyond, self._rates
+        rates = self._rates.copy()
+        rates[self._dof, column] = self._coupled + slope
+        return self.couple.dot(q) + beyond, rates
 
 
 class Site:

@@ -1,4 +1,4 @@
-"""How well loops hold, from the coordinates that a simulation reached."""
+"""Errors of closed loops, from the coordinates that a simulation reached."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def arm_health(arm: ArmDescription, coordinates: Array) -> ArmHealth:
 
 @lru_cache(maxsize=64)
 def remote_centre_wander(mechanism: Mechanism) -> float:
-    """Return how far an arm's own geometry takes the shaft from its remote centre at most [m].
+    """Compute the largest distance of the shaft from its remote centre by the arm's geometry [m].
 
     A calibrated arm whose loops are no parallelograms, or whose axes are askew, has no fixed
     remote centre. Over the joint range, loops closed; 0 for an arm without a remote centre.

@@ -160,7 +160,7 @@ class Past:
 
 
 def _numbers(value: object) -> int:
-    """Return how many numbers are kept for a value."""
+    """Return the count of numbers that are kept for a value."""
     if isinstance(value, PLAIN):
         return 1
     if isinstance(value, np.ndarray):
@@ -173,7 +173,11 @@ def _numbers(value: object) -> int:
 
 
 class Commanded(Protocol):
-    """Something with verbs: a world, an arm, a jaw."""
+    """Something with verbs: a world, an arm, a jaw.
+
+    One that entries name may have `_verbs`, {name in entries: path of the method from it}, of
+    methods that its parts have.
+    """
 
     #: Receives its commands; its arm's name or "world"; what comes before its verbs.
     _journal: Journal
@@ -183,27 +187,36 @@ class Commanded(Protocol):
 
 def command(verb: Callable[P, R]) -> Callable[P, R]:
     """Mark a method of something `Commanded` as a verb whose calls are entries of the journal."""
-    parameters, name = list(inspect.signature(verb).parameters.values())[1:], verb.__name__
-    names = [p.name for p in parameters if p.kind is p.POSITIONAL_OR_KEYWORD]
+    return command_as(verb.__name__)(verb)
 
-    @functools.wraps(verb)
-    def journaled(*args: P.args, **kwargs: P.kwargs) -> R:
-        owner: Any = args[0]  # something Commanded; this runs with every servo command
-        journal: Journal = owner._journal
-        if not journal.inside and (journal.listeners or not journal.past.incomplete):
-            given = dict(zip(names, args[1:]))  # noqa: B905  too many: below
-            # a call that Python rejects makes no entry: what is left of it might be accepted
-            if len(args) <= 1 + len(names) and given.keys().isdisjoint(kwargs):
-                journal.command(owner._source, owner._prefix + name, given | kwargs)
-        journal.inside += 1
-        try:
-            return verb(*args, **kwargs)
-        finally:
-            journal.inside -= 1
-            journal.revision += 1
 
-    journaled.is_command = True  # type: ignore[attr-defined]
-    return journaled
+def command_as(name: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Mark a method as a verb, as `command` does, whose entries have a name of their own."""
+
+    def mark(verb: Callable[P, R]) -> Callable[P, R]:
+        parameters = list(inspect.signature(verb).parameters.values())[1:]
+        names = [p.name for p in parameters if p.kind is p.POSITIONAL_OR_KEYWORD]
+
+        @functools.wraps(verb)
+        def journaled(*args: P.args, **kwargs: P.kwargs) -> R:
+            owner: Any = args[0]  # something Commanded; this runs with every servo command
+            journal: Journal = owner._journal
+            if not journal.inside and (journal.listeners or not journal.past.incomplete):
+                given = dict(zip(names, args[1:]))  # noqa: B905  too many: below
+                # a call that Python rejects makes no entry: what is left of it might be accepted
+                if len(args) <= 1 + len(names) and given.keys().isdisjoint(kwargs):
+                    journal.command(owner._source, owner._prefix + name, given | kwargs)
+            journal.inside += 1
+            try:
+                return verb(*args, **kwargs)
+            finally:
+                journal.inside -= 1
+                journal.revision += 1
+
+        journaled.is_command = True  # type: ignore[attr-defined]
+        return journaled
+
+    return mark
 
 
 def apply_command(world: object, entry: Entry) -> None:
@@ -213,14 +226,35 @@ def apply_command(world: object, entry: Entry) -> None:
         InputError: it is none that a world or an arm has
         TrocarError: as the verb raises
     """
-    target: Any = _commanded(cast(Any, world), entry.source)
-    *parts, verb = entry.name.split(".")
+    verb_of(_commanded(cast(Any, world), entry.source), entry.source, entry.name)(**entry.values)
+
+
+def verb_of(owner: object, source: str, name: str) -> Callable[..., Any]:
+    """Find the method that a verb calls, which a part of its owner may have.
+
+    Args:
+        owner: something `Commanded`
+        source: its name
+        name: of the verb, as entries have it
+
+    Raises:
+        InputError: no such verb
+    """
+    verbs: Mapping[str, str] = getattr(owner, "_verbs", {})
+    *parts, verb = verbs.get(name, name).split(".")
+    target: Any = owner
     for part in parts:
-        target = None if part.startswith("_") else getattr(target, part, None)
-    method = None if target is None else getattr(target, verb, None)
+        target = None if part.startswith("_") else _member(target, part)
+    method = _member(target, verb)
     if not getattr(method, "is_command", False):
-        raise InputError(f"{entry.source}: got the command {entry.name!r}, which it does not have")
-    cast(Any, method)(**entry.values)
+        raise InputError(f"{source}: got the command {name!r}, which it does not have")
+    return cast(Callable[..., Any], method)
+
+
+def _member(owner: object, name: str) -> Any:
+    """Return an attribute, None where there is none; names that moved are not looked for."""
+    known = name in getattr(owner, "__dict__", ()) or hasattr(type(owner), name)
+    return getattr(owner, name) if known else None
 
 
 def _commanded(world: Any, source: str) -> Any:

@@ -1,8 +1,8 @@
-"""What a master does while its tip is under force control.
+"""Wrist platform and gimbal of a master whose tip is under force control.
 
-The wrist platform turns so that the wrist yaw comes back to its middle, which the hand does not
-feel: all four gimbal axes meet in the tip. And the gimbal may hold an orientation while the first
-three joints stay free.
+The wrist platform turns so that the wrist yaw comes back to its middle. That exerts no force on the
+hand, because all four gimbal axes meet in the tip. The gimbal may hold an orientation while the
+first three joints stay free.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ UNIT_TOLERANCE = 1e-3
 
 
 def platform_advance(q: Array) -> float:
-    """Return how far the platform is from where the wrist yaw would be 0, to first order [rad].
+    """Compute the platform's distance from a wrist yaw of 0, to first order [rad].
 
     The projection of the roll axis on the platform is turned by the wrist yaw; it counts as far
     as the roll axis lies in the platform's plane.
@@ -79,7 +79,7 @@ class PlatformEffort:
 
 @dataclass(frozen=True, eq=False)
 class GimbalLimits:
-    """What the set-points of a locked gimbal keep to, (7,) each [rad, rad/s]."""
+    """Limits of the set-points of a locked gimbal, (7,) each [rad, rad/s]."""
 
     lower: Array
     upper: Array

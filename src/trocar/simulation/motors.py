@@ -12,7 +12,7 @@ from trocar.descriptions.records import RigArm
 from trocar.kinematics.forward import coordinates
 from trocar.kinematics.loops import coordinate_rates
 from trocar.simulation.records import Mode
-from trocar.simulation.servos import EFFORT, SET, Servos, voltage_loss
+from trocar.simulation.servos import EFFORT, SET, MotorEffort, Servos
 
 Array = NDArray[np.float64]
 
@@ -58,11 +58,9 @@ class Motors:
             self.fingers = servos.table.fingers[rows]
         self._act = data.act[rows]
         self._holding = servos.holding[rows]
-        self._slope, self._corner = servos.table.slope[rows], servos.table.corner[rows]
-        self._fast = float(self._corner.min(initial=np.inf)) ** 2
+        self._motors = MotorEffort(servos.table, rows)
         self._still = np.zeros((3, count))
         self._read = np.zeros((0, 0))
-        self._limits = self._opposite = np.zeros(0)
         self._revision = self._labelled = -1
         self._labels: tuple[tuple[Mode, ...], tuple[bool, ...]] = (), ()
 
@@ -80,11 +78,7 @@ class Motors:
         if self._revision != self._servos.revision:
             self._refresh()
         found = self._read.dot(self._servos.state()).reshape(3, -1)
-        effort = found[2]
-        np.minimum(effort, self._limits, out=effort)
-        np.maximum(effort, self._opposite, out=effort)
-        if found[1].dot(found[1]) > self._fast:
-            effort -= voltage_loss(self._slope, self._corner, found[1])
+        self._motors.limit(found[2], found[1])
         return found
 
     def positions(self) -> Array:
@@ -127,7 +121,7 @@ class Motors:
 
     def mode(self, joint: int) -> Mode:
         """Return a joint's control mode by name."""
-        return MODES[self.modes[joint]]
+        return MODES[int(self.modes[joint])]
 
     # ------------------------------------------------------------------ write
 
@@ -222,8 +216,7 @@ class Motors:
         read, limits = self._servos.matrix()
         rows, count = np.arange(self.index.rows.start, self.index.rows.stop), len(limits)
         self._read = read[np.concatenate([rows, rows + count, rows + 2 * count])]
-        self._limits = limits[self.index.rows]
-        self._opposite = -self._limits
+        self._motors.renew(limits[self.index.rows])
         self._revision = self._servos.revision
 
     def _put(self, q: Array, v: Array) -> None:

@@ -237,7 +237,7 @@ class Moves:
             self.drift = None
 
     def goal(self, part: slice) -> Array:
-        """Return where some joints are on their way to, or are, (n,)."""
+        """Return the goals of some joints, or their set-points where nothing moves, (n,)."""
         goal = self._position.copy()
         for leg in self.legs:
             goal[leg.part] = leg.profile.goal

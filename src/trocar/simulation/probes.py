@@ -113,7 +113,7 @@ class Probes:
     def effort(self, arm: str, joint: str) -> float:
         """Return the effort of a motor on its joint [N m or N]."""
         index = self._arms[arm].description.mechanism.joint_index[joint]
-        return float(self._arms[arm].readings()[2][index])
+        return float(self._arms[arm].joints.readings()[2][index])
 
     def bodies(self, arm: str = "", frame: str = "") -> Bodies:
         """Return the bodies on a frame and beyond it, all of an arm, a prop's, or everything."""

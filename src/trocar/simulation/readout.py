@@ -1,4 +1,4 @@
-"""What the arms of a sampled world read out: each figure computed once, away from the physics."""
+"""Readings of the arms of a sampled world: each computed once, away from the physics."""
 
 from __future__ import annotations
 
@@ -21,13 +21,46 @@ from trocar.simulation.records import WorldSample
 
 Array = NDArray[np.float64]
 
-#: Singular values of a Jacobian below this share of the largest count as 0. Source: as
-#: `Arm.measured_cf` has it.
-RANK = 1e-9
+#: Singular values of a Jacobian below this share of the largest count as 0. Source: our own choice;
+#: motors' efforts do not show directions in which a tip moves so little.
+RCOND = 1e-9
+
+
+def turned(R: Array, twist: Array) -> Array:
+    """Turn both halves of twists (linear; angular) by rotations, (..., 6) by (..., 3, 3)."""
+    return (
+        (R @ twist.reshape(*twist.shape[:-1], 2, 3).swapaxes(-1, -2))
+        .swapaxes(-1, -2)
+        .reshape(twist.shape)
+    )
+
+
+def least_wrench(jacobian: Array, effort: Array) -> Array:
+    """Compute the smallest wrench w with the least |J^T w - effort|, (..., 6).
+
+    Directions weaker than RCOND are left out. Square matrices far from singular are inverted,
+    which takes half the time.
+
+    Args:
+        jacobian: (linear; angular) = J @ qd, (..., 6, n)
+        effort: (..., n) [N m or N]
+    """
+    A = jacobian.swapaxes(-1, -2)
+    if A.shape[-2] == A.shape[-1]:
+        try:
+            back = np.linalg.inv(A)
+        except np.linalg.LinAlgError:
+            back = np.full_like(A, np.inf)
+        if A.ndim == 2:  # one arm's, in few calls
+            if np.vdot(A, A) * np.vdot(back, back) < RCOND**-2:
+                return back.dot(effort)
+        elif (np.square(A).sum((-2, -1)) * np.square(back).sum((-2, -1)) < RCOND**-2).all():
+            return (back @ effort[..., None])[..., 0]
+    return (np.linalg.pinv(A, rcond=RCOND) @ effort[..., None])[..., 0]
 
 
 class PoseViews(NamedTuple):
-    """Where the public poses of arms are seen from, arm by arm.
+    """Origins of the public poses of arms, arm by arm.
 
     Attributes:
         origins: rows of the origins among the sites of `Reader.measured`, (A,) of 2 A
@@ -84,9 +117,10 @@ class Reader:
             self._joints[row, :count] = range(first, first + count)
         self._registration: Mapping[str, Array] | None = None
         self._shown: object = None
+        self._tipped = self._posed
 
     def read(self, sample: WorldSample) -> Readout:
-        """Return what a sample reads out; nothing is computed before it is read."""
+        """Return the readings of a sample; nothing is computed before it is read."""
         return Readout(self, sample)
 
     def measured(self, sample: WorldSample) -> Array:
@@ -100,7 +134,7 @@ class Reader:
         return self._poses(self._frames.posed(q, self._posed))
 
     def views(self, sample: WorldSample) -> PoseViews:
-        """Return where public poses are seen from."""
+        """Return the origins of public poses."""
         if self._registration is not sample.registration:
             self._registration = sample.registration
             self._frames.register(sample.registration)
@@ -123,21 +157,21 @@ class Reader:
 
         Rows as in `moving`; an arm with fewer joints than others has zeros behind its own.
         """
-        shadow, mj = self._show(sample), self.model.mj
-        mujoco.mj_comPos(mj, shadow)
+        posed, mj = self._show(sample), self.model.mj
+        mujoco.mj_comPos(mj, posed)
         for row, turns in zip(self.moving_rows, self._turns, strict=True):
             site = self._tips[row]
-            at, body = shadow.site_xpos[site], int(mj.site_bodyid[site])
-            mujoco.mj_jac(mj, shadow, turns[:3], turns[3:], at, body)
+            at, body = posed.site_xpos[site], int(mj.site_bodyid[site])
+            mujoco.mj_jac(mj, posed, turns[:3], turns[3:], at, body)
         every = self._turns @ self._shares
         return np.take_along_axis(every, self._joints[:, None, :], axis=2)
 
     def _show(self, sample: WorldSample) -> mujoco.MjData:
-        """Return the shadow with frames where the measured joints of a sample have them."""
+        """Return the MjData with frames where the measured joints of a sample have them."""
         if self._shown is not sample:
             self._state.qpos[:], self._shown = sample.qpos, sample
-            self._frames.tips()
-        return self._frames.shadow
+            self._tipped = self._frames.tips()
+        return self._tipped
 
     def _poses(self, shown: mujoco.MjData) -> Array:
         found = self._unposed.copy()
@@ -168,7 +202,7 @@ class Readout:
         return found
 
     def let_go(self) -> None:
-        """Forget the arms, which hold this: what holds nobody goes without a search for garbage."""
+        """Break the reference cycle with the arms; the object is freed at once."""
         self._arms.clear()
 
     @cached_property
@@ -256,20 +290,19 @@ class Readout:
             own = reader.model.rig.arm(name).arm.own_joints
             qd[row, :own, 0] = arms[name].qd[:own]
         inside = reader.moving_rows
-        moved = (self._world_jacobians @ qd).reshape(-1, 2, 3, 1)
-        back = self.sites[1, inside, :3, :3].swapaxes(1, 2)[:, None]
-        local = back @ moved
-        return np.stack([local, self.bases[inside, None, :3, :3] @ local]).reshape(2, -1, 6)
+        moved = (self._world_jacobians @ qd)[..., 0]
+        local = turned(self.sites[1, inside, :3, :3].swapaxes(1, 2), moved)
+        return np.stack([local, turned(self.bases[inside, :3, :3], local)])
 
     @cached_property
     def wrenches(self) -> Array:
-        """What the motors exert at the tips: body, then spatial, of the moving arms, (2, M, 6)."""
+        """Wrenches of the motors at the tips: body, then spatial, of the moving arms, (2, M, 6)."""
         arms, reader = self.sample.arms, self.reader
-        effort = np.zeros((len(reader.moving), reader.columns, 1))
+        effort = np.zeros((len(reader.moving), reader.columns))
         for row, name in enumerate(reader.moving):
             own = reader.model.rig.arm(name).arm.own_joints
-            effort[row, :own, 0] = arms[name].effort[:own] - arms[name].load[:own]
-        return _wrench(self.jacobians, effort)
+            effort[row, :own] = arms[name].effort[:own] - arms[name].load[:own]
+        return least_wrench(self.jacobians, effort)
 
     @cached_property
     def _world_jacobians(self) -> Array:
@@ -316,7 +349,7 @@ class ArmReadout:
         return self.tip(setpoint=False, local=False)
 
     def tip(self, *, setpoint: bool, local: bool) -> Array:
-        """Return where the tip is, (4, 4).
+        """Return the pose of the tip, (4, 4).
 
         Args:
             setpoint: at the set-points, else measured
@@ -347,16 +380,15 @@ class ArmReadout:
         if row is not None:
             return self._rig.twists[0 if local else 1, row]
         R = self._tips[0][:3, :3] if local else self.measured[:3, :3]
-        found = (self._jacobians[0] @ self.sample.qd).reshape(2, 3) @ R.T
-        return found.ravel()
+        return turned(R, self._jacobians[0] @ self.sample.qd)
 
     def wrench(self, frame: WrenchFrame) -> Array:
-        """Return what the motors exert beside carrying the links: (force; torque), (6,)."""
+        """Return the motors' wrench, what carries the links not counted: (force; torque), (6,)."""
         row = self._rig.reader.moving.get(self.name)
         if row is not None:
             return self._rig.wrenches[int(frame == "spatial"), row]
-        effort = (self.sample.effort - self.sample.load)[self.own, None]
-        return _wrench(self.jacobian(frame), effort)
+        effort = (self.sample.effort - self.sample.load)[self.own]
+        return least_wrench(self.jacobian(frame), effort)
 
     @cached_property
     def _tips(self) -> Array:
@@ -367,8 +399,3 @@ class ArmReadout:
     def _jacobians(self) -> tuple[Array, Array]:
         spatial = jacobian_spatial(self.arm.mechanism, self.sample.q)
         return adjoint(inverse(self._tips[0])) @ spatial, spatial
-
-
-def _wrench(jacobian: Array, effort: Array) -> Array:
-    """Return the least wrench w that explains efforts best: effort = J^T w, (..., 6)."""
-    return (np.linalg.pinv(jacobian.swapaxes(-1, -2), rcond=RANK) @ effort)[..., 0]

@@ -1,4 +1,4 @@
-"""What a world hands out: frozen copies of its state."""
+"""Frozen copies of a world's state."""
 
 from __future__ import annotations
 
@@ -37,6 +37,11 @@ class Pose(NamedTuple):
     T: Array
     frame_id: str
     time: float
+
+    @property
+    def matrix(self) -> Array:
+        """T, (4, 4)."""
+        return self.T
 
 
 class Twist(NamedTuple):
@@ -78,7 +83,7 @@ class ArmSnapshot(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ArmStatus:
-    """What of an arm changes with commands and events only, not from step to step.
+    """The part of an arm's state that only commands and events change.
 
     Attributes:
         balanced: whether gravity compensation is on
@@ -153,7 +158,7 @@ class ArmSample(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class WorldSample:
-    """What a world's readings are computed from, copied in a few microseconds.
+    """Source of a world's readings, copied in a few microseconds.
 
     Attributes:
         time: simulation time [s]
@@ -175,7 +180,7 @@ class WorldSample:
 
 @dataclass(frozen=True, eq=False)
 class TrueState:
-    """Where an arm is, whatever its sensors report.
+    """True state of an arm, whatever its sensors report.
 
     Attributes:
         q, qd: joint positions and velocities, (n,) [rad or m, per s]
@@ -256,7 +261,7 @@ class Snapshot(NamedTuple):
 
 @dataclass(frozen=True)
 class ArmHealth:
-    """How well an arm's loops hold.
+    """Errors of an arm's loops.
 
     Attributes:
         loop_gap_m: largest distance between the two sides of a closing hinge [m]

@@ -70,9 +70,34 @@ def read_matrix(table: JointTable, gains: Array, sizes: tuple[int, int]) -> Arra
     return np.ascontiguousarray(np.concatenate([q, qd, effort], axis=1).T)
 
 
-def voltage_loss(slope: Array, corner: Array, qd: Array) -> Array:
-    """Return what the supply's voltage takes of efforts at speeds, (..., J); as in `JointTable`."""
-    return slope * (qd - np.clip(qd, -corner, corner))
+class MotorEffort:
+    """The efforts that motors exert when their servos call for some.
+
+    Within limits, less what back-EMF takes at speed: slope (qd - clip(qd, -corner, corner)).
+
+    Args:
+        table: the joints
+        rows: which of them
+
+    Attributes:
+        limits: largest efforts as they act, (n,) [N m or N]; `renew` sets them
+    """
+
+    def __init__(self, table: JointTable, rows: slice) -> None:
+        self.renew(np.zeros(0))
+        self._slope, self._corner = table.slope[rows], table.corner[rows]
+        self._slowest = float(self._corner.min(initial=np.inf)) ** 2
+
+    def renew(self, limits: Array) -> None:
+        """Set the largest efforts, (n,) [N m or N]."""
+        self.limits, self._opposite = limits, -limits
+
+    def limit(self, effort: Array, qd: Array) -> None:
+        """Limit the efforts that servos call for at speeds, in place, (..., n) each."""
+        np.minimum(effort, self.limits, out=effort)
+        np.maximum(effort, self._opposite, out=effort)
+        if qd.ndim > 1 or qd.dot(qd) > self._slowest:  # else no joint is fast enough
+            effort -= self._slope * (qd - np.clip(qd, -self._corner, self._corner))
 
 
 class Servos:
@@ -130,7 +155,7 @@ class Servos:
         self._viscous = model.dof_damping.copy()
         self._state = np.zeros(mujoco.mj_stateSize(model, READ_STATE))
         self._read = np.zeros((0, 0))
-        self._limits = np.zeros(0)
+        self._motors = MotorEffort(table, slice(None))
         self._tolerance = np.zeros(0)
         self._read_revision = -1
         self._written: tuple[bytes, ...] = ()
@@ -139,12 +164,12 @@ class Servos:
 
     @property
     def driven(self) -> Bools:
-        """Which joints a motor or a person's fingers act on, (J,); brakes let none."""
+        """Mask of the joints that a motor or fingers act on, (J,); none under a brake."""
         return (self.table.fingers | self.powered) & ~self.locked
 
     @property
     def servoed(self) -> Bools:
-        """Which joints their servos drive, (J,)."""
+        """Mask of the joints that their servos drive, (J,)."""
         return (self.modes == POSITION) & self.driven
 
     @property
@@ -156,12 +181,13 @@ class Servos:
     def matrix(self) -> tuple[Array, Array]:
         """Return READ and the limits of efforts as of now, (3 J, n) and (J,)."""
         if self._read_revision != self.revision:
-            gains, self._limits = self.effective
+            gains, limits = self.effective
+            self._motors.renew(limits)
             sizes = self._model.nq, self._model.nv
             self._read = read_matrix(self.table, gains, sizes)
             self._tolerance = np.where(self.servoed, self.table.tolerance, np.inf)
             self._read_revision = self.revision
-        return self._read, self._limits
+        return self._read, self._motors.limits
 
     def read(self, out: Array | None = None) -> Array:
         """Return measured positions, velocities and efforts of every joint, (3, J)."""
@@ -173,7 +199,7 @@ class Servos:
         return self._found(self._state)
 
     def state(self, out: Array | None = None) -> Array:
-        """Return what READ is multiplied with, in `out` or a buffer that is used again."""
+        """Return the factor of READ, in `out` or a buffer that the next call overwrites."""
         found = self._state if out is None else out
         mujoco.mj_getState(self._model, self._data, found, READ_STATE)
         if self.errors is not None:
@@ -191,20 +217,18 @@ class Servos:
         return self._data.qpos if self.errors is None else self.errors.qpos()
 
     def _found(self, state: Array, out: Array | None = None) -> Array:
-        read, limits = self.matrix()
-        count, nq, nv = len(limits), self._model.nq, self._model.nv
+        read, _ = self.matrix()
+        count, nq, nv = len(self.table), self._model.nq, self._model.nv
         found = np.empty((3, count)) if out is None else out
         q, qd, effort = found
         self.table.drive.dot(state[:nq], out=q)  # READ is zero beside these blocks
         self.table.rate.dot(state[nq : nq + nv], out=qd)
         read[2 * count :].dot(state, out=effort)
-        np.minimum(effort, limits, out=effort)
-        np.maximum(effort, -limits, out=effort)
-        effort -= voltage_loss(self.table.slope, self.table.corner, qd)
+        self._motors.limit(effort, qd)
         return found
 
     def beyond(self) -> Array | None:
-        """Return how far joints are from their set-points that are farther than allowed.
+        """Return the tracking errors beyond what joints are allowed.
 
         0 for all others, (J,) [rad or m]; None if no joint is.
         """

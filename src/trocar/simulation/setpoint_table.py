@@ -53,7 +53,9 @@ class SetpointPlayer:
         arms: Mapping[str, Arm],
     ) -> None:
         self._model, self._data = model, data
-        self._motors = {name: arm.motors for name, arm in arms.items() if not arm.motors.welded}
+        self._motors = {
+            name: arm.runtime.motors for name, arm in arms.items() if not arm.runtime.motors.welded
+        }
         self._servos = servos
         self._fastest = {name: fastest(motors.arm) for name, motors in self._motors.items()}
 
@@ -128,10 +130,14 @@ class SetpointPlayer:
         if isinstance(every, bool) or not isinstance(every, (int, np.integer)) or every < 1:
             raise InputError(f"play: got every={every!r}; allowed: a whole number above 0")
         for name, arm in arms.items():
-            if arm.active or name not in table.played:  # else its set-points follow the last ones
-                arm.come_to_rest()
+            run = arm.runtime
+            moving = run.active or run.motors.velocity.any()
+            if moving and (run.active or name not in table.played):
+                run.states.stop()  # else its set-points follow the last ones
         for name in table.played:
-            arms[name].prepare_to_play()
+            run = arms[name].runtime
+            run.forces.end()
+            run.control.under_position(run.every)
         if table.efforts is not None:
             self._leave_to_servos(table.efforts, table.played)
         begin = self._data.time
@@ -148,7 +154,10 @@ class SetpointPlayer:
         for name in table.played:
             used = self._motors[name].index.rows
             last = table.setpoints[-1, used]
-            arms[name].take_over(last[:, 0], last[:, 1], self._servos.commanded[used])
+            run, effort = arms[name].runtime, self._servos.commanded[used].copy()
+            if run.control.states.powered:
+                run.control.put(last[:, 0])
+                run.motors.velocity[:], run.motors.effort[:] = last[:, 1], effort
         steps = np.full(len(samples) * every + 1, self._model.opt.timestep)
         steps[0] = begin
         return self._recording(np.add.accumulate(steps)[every::every], samples, table.clipped)
@@ -179,6 +188,17 @@ class SetpointPlayer:
             coordinates[name] = np.zeros((len(samples), len(motors.arm.mechanism.frames)))
             coordinates[name][:, index.hinges] = samples[:, index.qpos]
         return Recording(times, positions, velocities, efforts, coordinates, clipped)
+
+
+def check_playable(arm: Arm) -> None:
+    """Reject a table of set-points while an arm accepts no commands.
+
+    Raises:
+        InputError: the reason
+    """
+    why = arm.runtime.control.states.why_not_ready()
+    if why and not arm.runtime.motors.welded:
+        raise InputError(f"play: {arm.name}: {why}")
 
 
 def _checked(name: str, values: Array, shape: tuple[int, int], what: str) -> Array:

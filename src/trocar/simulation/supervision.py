@@ -38,14 +38,15 @@ class Supervision(Part):
         if beyond is None:
             return
         for arm in self._physics.arms.values():
+            motors = arm.runtime.motors
             joints = [
                 f"{joint.name} ({beyond[k]:.3g} {unit}, allowed {joint.tracking_tolerance:g})"
-                for k, joint in enumerate(arm.description.joints, arm.motors.index.rows.start)
-                if not arm.motors.welded and beyond[k]
+                for k, joint in enumerate(arm.description.joints, motors.index.rows.start)
+                if not motors.welded and beyond[k]
                 for unit in ("m" if joint.kind == "prismatic" else "rad",)
             ]
             if joints:
-                arm.fault(f"tracking error of {', '.join(joints)}")
+                arm.runtime.states.fault(f"tracking error of {', '.join(joints)}")
 
     def balance(self, arm: str = "") -> None:
         """Feed forward what holds every motor's load, or only those of one arm, where they are."""

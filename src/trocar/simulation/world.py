@@ -24,8 +24,9 @@ from trocar.kinematics.chain_pose import chain_pose
 from trocar.modeling import naming
 from trocar.modeling.build import RigModel, build
 from trocar.modeling.options import ModelOptions
-from trocar.simulation.arm import Arm, ArmState
+from trocar.simulation.arm import Arm
 from trocar.simulation.cameras import CameraRecord, Cameras
+from trocar.simulation.control import OnReject
 from trocar.simulation.drives import Drivetrains
 from trocar.simulation.frames import Frames
 from trocar.simulation.grasps import Grasp, Grasps
@@ -47,11 +48,12 @@ from trocar.simulation.records import (
     TrueState,
     WorldSample,
 )
+from trocar.simulation.runtime import ArmState
 from trocar.simulation.schedule import Act, Schedule, ScheduleEntry
 from trocar.simulation.scripts import Scripts
 from trocar.simulation.sensor_errors import SensorErrors
 from trocar.simulation.servos import Servos
-from trocar.simulation.setpoint_table import SetpointPlayer, fastest
+from trocar.simulation.setpoint_table import SetpointPlayer, check_playable, fastest
 from trocar.simulation.shapes import band_poses, shape_records
 from trocar.simulation.supervision import Supervision
 from trocar.simulation.threads import ThreadProp
@@ -139,6 +141,8 @@ class World:
             masses and friction of the descriptions; the rig's own when omitted
         errors: of the robots' sensors and cables, "perfect", "lab" or "wide"; the rig's own when
             omitted. Everything that arms report has them; `true_state` has not
+        on_reject: rejected commands of arms "warn" and return False, as on the dVRK, or "raise" a
+            RejectedError; no part of a recording
 
     Raises:
         UnknownNameError, DescriptionError: the rig, an arm to weld, a calibration or the errors
@@ -162,6 +166,7 @@ class World:
         calibration: Calibration | None = None,
         dynamics: DynamicsKind | None = None,
         errors: str | None = None,
+        on_reject: OnReject = "warn",
     ) -> None:
         choices: dict[str, Any] = {
             "timestep_s": timestep_s,
@@ -180,6 +185,7 @@ class World:
         #: The name or path that the rig was loaded from, "" where it came as a description.
         self.rig_source = str(rig) if isinstance(rig, str | Path) else ""
         self._homed = bool(homed)
+        self.on_reject = on_reject
         self._build = 0
         if isinstance(rig, RigModel):
             _check_default(choices, calibration)
@@ -268,6 +274,17 @@ class World:
         for name, thread in self.threads.items():
             self._drawings[name] = thread.curve
         warn_near_singular(self.rig)
+
+    @property
+    def on_reject(self) -> OnReject:
+        """Whether rejected commands of arms "warn" or "raise" a RejectedError."""
+        return self._on_reject
+
+    @on_reject.setter
+    def on_reject(self, value: OnReject) -> None:
+        if value not in ("warn", "raise"):
+            raise InputError(f"on_reject: got {value!r}; allowed: warn, raise")
+        self._on_reject: OnReject = value
 
     def __repr__(self) -> str:
         names = ", ".join(self.arms)
@@ -436,8 +453,8 @@ class World:
             DivergedError: as for `step`
         """
         for name in positions:
-            if name in self.arms and not self.arms[name].motors.welded:
-                self.arms[name].check_playable()
+            if name in self.arms:
+                check_playable(self.arms[name])
         table = self._player.table(positions, velocities or {}, efforts or {})
         return self._player.run(table, every, record, self.step, self.arms)
 
@@ -474,9 +491,9 @@ class World:
         placed = self._placed.get(pose) if self.errors is None else None
         for name, arm in self.arms.items():
             q = self.options.locked.get(name, at[name])
-            arm.begin(q, self._homed)
+            arm.runtime.begin(q, self._homed)
             if placed is None:
-                arm.motors.put(q, np.zeros(len(q)))
+                arm.runtime.motors.put(q, np.zeros(len(q)))
         if placed is None:
             self._placed[pose] = self._data.qpos.copy()
         else:
@@ -512,7 +529,7 @@ class World:
             self.rng.bit_generator.state,
             self.reference_arm,
             self.servos.save(),
-            {name: arm.save() for name, arm in self.arms.items()},
+            {name: arm.runtime.save() for name, arm in self.arms.items()},
             {name: kept for name, part in self.parts.items() if (kept := part.save()) is not None},
         )
 
@@ -545,7 +562,7 @@ class World:
         self.reference_arm = state.reference_arm
         self.servos.load(state.servos)
         for name, arm in self.arms.items():
-            arm.load(state.arms[name])
+            arm.runtime.load(state.arms[name])
         for name, kept in state.parts.items():
             self.parts[name].load(kept)
         self._bad[:] = 0
@@ -585,17 +602,21 @@ class World:
                 model
         """
         arm = self.arm(name)
-        if arm.motors.welded:
+        if arm.runtime.motors.welded:
             raise InputError(f"{name}: is welded into the model")
-        slack = BEYOND * (arm.upper - arm.lower)
-        place = _checked_state(name, q, (arm.lower - slack, arm.upper + slack), "positions")
+        slack = BEYOND * (arm.joints.upper - arm.joints.lower)
+        place = _checked_state(
+            name, q, (arm.joints.lower - slack, arm.joints.upper + slack), "positions"
+        )
         speed = np.zeros(len(place))
         if v is not None:
             most = fastest(arm.description)
             speed = _checked_state(name, v, (-most, most), "velocities")
-        arm.start_at(np.clip(place, arm.lower, arm.upper))
-        arm.motors.place(place, speed)
-        arm.motors.command(np.clip(place, arm.lower, arm.upper), np.zeros(len(place)))
+        arm.runtime.start_at(np.clip(place, arm.joints.lower, arm.joints.upper))
+        arm.runtime.motors.place(place, speed)
+        arm.runtime.motors.command(
+            np.clip(place, arm.joints.lower, arm.joints.upper), np.zeros(len(place))
+        )
         for part in self.parts.values():
             part.placed(name)
         self._supervision.balance()
@@ -624,27 +645,27 @@ class World:
             raise InputError(f"exchange_tool: the rig has tissue ({', '.join(self.tissues)})")
         arm, rig = self.arm(name), rig_with_tool(self.rig, name, str(tool))
         model = build(rig, self.options)
-        arm.come_off()
+        arm.runtime.states.stop()
         old, new = arm.description, rig.arm(name).arm
-        q = engaged(arm.positions(), old, new)
-        setpoints = engaged(arm.setpoints(), old, new)
-        warn_of_clipped(name, arm.setpoints(), old, setpoints, new)
-        before, motors = (self._model, self._data, self.servos), arm.motors
+        q = engaged(arm.joints.positions(), old, new)
+        setpoints = engaged(arm.joints.setpoints(), old, new)
+        warn_of_clipped(name, arm.joints.setpoints(), old, setpoints, new)
+        before, motors = (self._model, self._data, self.servos), arm.runtime.motors
         self._adopt(model)
         carry(before, (self._model, self._data, self.servos), name)
         for other in self.arms.values():
             if other is not arm:
-                other.reattach(self._motors(other.name))
+                other.runtime.reattach(self._motors(other.name))
         new_motors = self._motors(name)
         keep_settings(motors, new_motors)
         self._wire(name)
-        arm.refit(rig.arm(name), new_motors, q, setpoints)
+        arm.runtime.refit(rig.arm(name), new_motors, q, setpoints)
         self._name_poses(arm)
         self._supervision.balance(name)
         for part in self.parts.values():
             part.placed(name)
         self._exchanged.append((name, str(tool)))
-        self.journal.event(name, "tool_type", tool=arm.tool)
+        self.journal.event(name, "tool_type", tool=arm.description.tool)
 
     @command
     def set_reference_arm(self, name: str) -> None:
@@ -773,13 +794,13 @@ class World:
             arms: include every arm's joints, too, which takes ten times as long as all bodies
         """
         found: dict[str, ArmSnapshot] = {}
-        centres, every = self._true.remote_centres(), self.servos.read() if arms else None
+        shown, every = self._true.bodies(), self.servos.read() if arms else None
+        centres = self._true.remote_centres(shown)
         if every is not None:
             for name, arm in self.arms.items():
-                motors = arm.motors
+                motors = arm.runtime.motors
                 read = None if motors.welded else every[:, motors.index.rows]
-                found[name] = arm.snapshot(centres.get(name), read)
-        shown = self._true.shadow
+                found[name] = arm.runtime.snapshot(centres.get(name), read)
         at, turn = shown.xpos.copy(), shown.xquat.copy()
         if self.rig.bands:
             rods = band_poses(self.rig, self._model, shown)
@@ -795,7 +816,9 @@ class World:
         joints[3], joints[4:6] = servos.holding, servos.setpoint[:, :2].T
         joints[6] = servos.commanded
         arms = {
-            name: arm.sample(None if arm.motors.welded else joints[:, arm.motors.index.rows])
+            name: arm.runtime.sample(
+                None if arm.runtime.motors.welded else joints[:, arm.runtime.motors.index.rows]
+            )
             for name, arm in self.arms.items()
         }
         errors = servos.errors
@@ -841,20 +864,26 @@ class World:
         """
         arm = self.arm(name)
         q, qd, effort = (
-            arm.readings() if arm.motors.welded else self.servos.true()[:, arm.motors.index.rows]
+            arm.joints.readings()
+            if arm.runtime.motors.welded
+            else self.servos.true()[:, arm.runtime.motors.index.rows]
         )
         tip = (
             self._true.measured(name)
             if self._true.follows(name)
             else chain_pose(arm.description.mechanism)(q)
         )
-        base, frame = arm.placed or self._true.base_pose(name, self.reference_arm)
+        base, frame = arm.runtime.tip.placed or self._true.base_pose(name, self.reference_arm)
         world = self._true.reference_pose(name) @ tip
         return TrueState(q, qd, effort, Pose(base @ tip, frame, self.time), world)
 
     def health(self) -> Health:
         """Return the loop-closure residuals of every arm now."""
-        each = {name: arm.health() for name, arm in self.arms.items() if not arm.motors.welded}
+        each = {
+            name: arm.joints.health()
+            for name, arm in self.arms.items()
+            if not arm.runtime.motors.welded
+        }
         return Health.of(each)
 
     def engine_warnings(self) -> dict[str, int]:
@@ -915,7 +944,7 @@ class World:
 
     def _name_poses(self, arm: Arm) -> None:
         """Add the rig's named poses to an arm's own."""
-        arm.poses |= {
+        arm.runtime.poses |= {
             pose: by_arm[arm.name] for pose, by_arm in self.rig.poses.items() if arm.name in by_arm
         }
 
@@ -962,7 +991,7 @@ class World:
     def _attend(self) -> None:
         """Find, after commands, which arms move and what acts before the next physics steps."""
         self._attended = self.journal.revision
-        self._moving = [arm for arm in self.arms.values() if arm.active]
+        self._moving = [arm for arm in self.arms.values() if arm.runtime.active]
         acts: list[Act] = [p.before_step for p in self.parts.values() if p.before_every == 1]
         if np.count_nonzero(self.servos.computed):
             acts.insert(0, self.servos.compute_torque)
@@ -976,8 +1005,8 @@ class World:
         """Bring the set-points of arms that move to the end of the next physics step."""
         time = self.time + self.timestep
         for arm in self._moving:
-            arm.follow(time)
-            if not arm.active:
+            arm.runtime.follow(time)
+            if not arm.runtime.active:
                 self._attended = -1
 
     def _put(self, row: Array, asleep: NDArray[np.int32]) -> None:
@@ -1027,7 +1056,7 @@ class World:
         raise DivergedError(
             self.time,
             naming.scoped(owner, joint),
-            float(self.arms[owner].motors.position[mechanism.joint_index[joint]]),
+            float(self.arms[owner].runtime.motors.position[mechanism.joint_index[joint]]),
             detail.format(frame),
         )
 

@@ -89,9 +89,9 @@ class TipController:
         for name in self.arms:
             begin, arm = len(high), world.arms[name]
             joints = arm.description.joints
-            if arm.type == "PSM":
+            if arm.description.type == "PSM":
                 joints = joints[:-1]
-                high += [SPEED_M_S] * 3 + [SPIN_RAD_S] * 3 + [float(arm.upper[-1])]
+                high += [SPEED_M_S] * 3 + [SPIN_RAD_S] * 3 + [float(arm.joints.upper[-1])]
                 low += [-SPEED_M_S] * 3 + [-SPIN_RAD_S] * 3 + [-GRIP_RAD]
             else:
                 fastest = [(1.0 - ROUNDING) * joint.velocity_max for joint in joints]
@@ -115,9 +115,9 @@ class TipController:
     def begin(self) -> None:
         """Hold the arms where they are, with nothing counted."""
         for name, driven in self._driven.items():
-            self._joints[name] = driven.arm.setpoints()
-            if driven.arm.type == "PSM":
-                self._targets[name] = driven.arm.tip_in_world().T
+            self._joints[name] = driven.arm.joints.setpoints()
+            if driven.arm.description.type == "PSM":
+                self._targets[name] = driven.arm.measured_cp("world").T
         self.stalled = dict.fromkeys(self.arms, 0.0)
         self.stalls.clear()
 
@@ -191,7 +191,7 @@ class TipController:
         """Return whether a PSM's tip reaches a pose in the world from its set-points, (4, 4)."""
         driven = self._driven[arm]
         try:
-            self._inverse(driven, T, driven.arm.setpoints())
+            self._inverse(driven, T, driven.arm.joints.setpoints())
         except (UnreachableError, SingularError):
             return False
         return True
@@ -210,9 +210,9 @@ class TipController:
     def _next(self, name: str, driven: _Driven, values: Array) -> Array:
         """Return an arm's set-points after an action, those before where it cannot go on."""
         arm, before = driven.arm, self._joints[name]
-        if arm.type != "PSM":
-            return np.clip(before + values * PERIOD_S, arm.lower, arm.upper)
-        after, measured, reason = before.copy(), arm.positions(), ""
+        if arm.description.type != "PSM":
+            return np.clip(before + values * PERIOD_S, arm.joints.lower, arm.joints.upper)
+        after, measured, reason = before.copy(), arm.joints.positions(), ""
         if values[:6].any():
             reason = self._onward(name, driven, after, measured, values[:6])
             self.stalled[name] += PERIOD_S if reason else 0.0
@@ -264,4 +264,4 @@ class TipController:
         own = driven.T_arm_world
         if own is None:
             own = inverse(self.world.reference_pose(driven.arm.name))
-        return driven.arm.local_inverse_kinematics(own @ T, near[:-1])
+        return driven.arm.local.inverse_kinematics(own @ T, near[:-1])

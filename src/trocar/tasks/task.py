@@ -176,9 +176,9 @@ class Task:
         found: dict[str, Array] = {}
         for name in self.arms:
             arm = self.world.arms[name]
-            q = arm.positions()
-            if arm.type == "PSM":
-                T = arm.tip_in_world().T
+            q = arm.joints.positions()
+            if arm.description.type == "PSM":
+                T = arm.measured_cp("world").T
                 found[name] = np.concatenate([T[:3, 3], quaternion_from_matrix(T[:3, :3]), q[-1:]])
             else:
                 found[name] = q
@@ -342,7 +342,7 @@ class Task:
         """Reject a place that no driven instrument reaches, pointing straight down."""
         world = self.world
         names = (name,) if name in self.arms else self.arms
-        instruments = [arm for arm in names if world.arms[arm].type == "PSM"]
+        instruments = [arm for arm in names if world.arms[arm].description.type == "PSM"]
         down = transform(np.diag([1.0, -1.0, -1.0]), at)
         if instruments and not any(self.controller.reaches(arm, down) for arm in instruments):
             raise InputError(

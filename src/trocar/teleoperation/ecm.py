@@ -74,7 +74,7 @@ class EcmTeleoperation(TeleopComponent):
         roll = self._joints[ROLL] - clockwise
         c, s = np.cos(roll), np.sin(roll)
         change = np.array([right * c + up * s, right * s - up * c, near, -clockwise])
-        return np.clip(self._joints + change, arm.lower, arm.upper)
+        return np.clip(self._joints + change, arm.joints.lower, arm.joints.upper)
 
     def _align(self, readings: Sequence[MasterReading]) -> None:
         self._enable(readings)
@@ -82,7 +82,7 @@ class EcmTeleoperation(TeleopComponent):
     def _engage(self, readings: Sequence[MasterReading]) -> None:
         arm = self.world.arm(self.description.slave)
         self._hands = Hands.of(readings)
-        self._joints = self._commanded = arm.setpoints()[: arm.description.own_joints]
+        self._joints = self._commanded = arm.joints.setpoints()[: arm.description.own_joints]
 
     def _follow(self, readings: Sequence[MasterReading], period_s: float) -> None:
         arm = self.world.arm(self.description.slave)

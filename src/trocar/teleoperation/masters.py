@@ -141,7 +141,7 @@ def prepare_arm(arm: Arm) -> None:
     """Enable and home an arm where it needs that; homing takes a while."""
     state = arm.operating_state()
     if state.state == "PAUSED":
-        arm.resume()
+        arm.state_command("resume")
     elif state.state != "ENABLED":
         arm.enable()
     if not state.is_homed and not state.is_busy:
@@ -179,24 +179,26 @@ class ArmMaster(Master):
         """Return the measured pose of the handle, and its gripper."""
         arm = world.arm(self.name)
         if self._base is None:
-            self._base = arm.base_frame()[0]
-        q = arm.readings()[0]
+            self._base = arm.local.base_frame()[0]
+        q = arm.joints.readings()[0]
         opening = float(q[-1]) if arm.description.has_gripper else None
         T = self._base @ chain_pose(arm.description.mechanism)(q)
-        return MasterReading(T, opening, turning=arm.busy)
+        return MasterReading(T, opening, turning=arm.operating_state().is_busy)
 
     def align(self, world: World, R: Array) -> str:
         """Turn the gimbal; the handle stays in its place."""
         arm, here = world.arm(self.name), self.read(world).T
         if self._requested is None or angle_between(self._requested, R) > TURNED:
             return self._begin(arm, here, R)
-        if not arm.busy and world.time - self._nudged > NUDGE_S:
+        if not arm.operating_state().is_busy and world.time - self._nudged > NUDGE_S:
             self._nudged = world.time
             if angle_between(here[:3, :3], R) >= CLOSE:
                 own = slice(0, len(self._goal))
-                lacks = self._goal - arm.readings()[0][own]
+                lacks = self._goal - arm.joints.readings()[0][own]
                 self._extra = np.clip(self._extra + lacks, -BEYOND, BEYOND)
-                arm.move_jp(np.clip(self._goal + self._extra, arm.lower[own], arm.upper[own]))
+                arm.move_jp(
+                    np.clip(self._goal + self._extra, arm.joints.lower[own], arm.joints.upper[own])
+                )
         return ""
 
     def release(self, world: World, *, locked: bool) -> None:
@@ -208,10 +210,10 @@ class ArmMaster(Master):
         arm = world.arm(self.name)
         self._requested = self._place = None
         self._exerting = False
-        arm.use_gravity_compensation(True)
+        arm.joints.use_gravity_compensation(True)
         if locked:
-            arm.servo_cf(np.zeros(6))
-            arm.lock_orientation()
+            arm.body.servo_cf(np.zeros(6))
+            arm.forces.lock_orientation()
         else:
             arm.free()
 
@@ -220,8 +222,8 @@ class ArmMaster(Master):
         arm = world.arm(self.name)
         if not self._exerting:
             self._exerting = True
-            arm.set_cf_orientation_absolute(False)  # a client may have switched it
-        arm.servo_cf([*force, 0.0, 0.0, 0.0])
+            arm.forces.set_cf_orientation_absolute(False)  # a client may have switched it
+        arm.body.servo_cf([*force, 0.0, 0.0, 0.0])
 
     def hold(self, world: World) -> None:
         """Stay where it is."""
@@ -237,7 +239,7 @@ class ArmMaster(Master):
         base = self._base if self._base is not None else np.eye(4)
         goal = inverse(base) @ transform(R, self._place)
         try:
-            found = inverse_kinematics(mechanism, "gimbal_arm", goal, arm.readings()[0][:7])
+            found = inverse_kinematics(mechanism, "gimbal_arm", goal, arm.joints.readings()[0][:7])
         except (UnreachableError, SingularError) as problem:
             return str(problem)
         self._goal = found[0]

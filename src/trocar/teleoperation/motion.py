@@ -138,7 +138,7 @@ class MotionPlayer:
         world, self._time = self._engine.world, 0.0
         for name in self._names:
             base = world.reference_pose(name)
-            self._from[name] = base @ world.arm(name).local_measured_cp().T
+            self._from[name] = base @ world.arm(name).local.measured_cp().T
 
     def _pinch(self, *, shut: bool) -> None:
         for name in self._names:
@@ -160,5 +160,5 @@ class MotionPlayer:
         R = matrix_from_rotation_vector(turn) @ at[:3, :3]
         self._engine.carriers[name].carry(transform(R, at[:3, 3] + base @ (B - A)[:3, 3]))
         if arm.gripper is not None:
-            opening = float(np.clip(now[-1], arm.lower[-1], arm.upper[-1]))
+            opening = float(np.clip(now[-1], arm.joints.lower[-1], arm.joints.upper[-1]))
             arm.gripper.squeeze_to(opening)

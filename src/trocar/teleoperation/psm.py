@@ -211,8 +211,8 @@ class PsmTeleoperation(TeleopComponent):
         self._T_world_view = self.world.reference_pose(self._slave.name) @ self._slave.T_base_view
         arm = self.world.arm(self.description.slave)
         if not self.description.ignore_jaw and arm.jaw is not None:
-            limits = float(arm.lower[-1]), float(arm.upper[-1])
-            self._jaw = JawFollower(self.description, *limits, float(arm.setpoints()[-1]))
+            limits = float(arm.joints.lower[-1]), float(arm.joints.upper[-1])
+            self._jaw = JawFollower(self.description, *limits, float(arm.joints.setpoints()[-1]))
             self.masters[0].match_gripper(self._jaw.ghost)
 
     def _follow(self, readings: Sequence[MasterReading], period_s: float) -> None:

@@ -50,8 +50,8 @@ def view_in_world(world: World) -> Array:
             seen = world.cameras()[camera.name].T_world_camera
             return seen @ transform(R_IMAGE_VIEW, np.zeros(3))
     for name, arm in world.arms.items():
-        if arm.type == "ECM":
-            return world.reference_pose(name) @ arm.local_measured_cp().T
+        if arm.description.type == "ECM":
+            return world.reference_pose(name) @ arm.local.measured_cp().T
     return transform(R_WORLD_VIEW, np.zeros(3))
 
 
@@ -78,12 +78,15 @@ class Slave:
         self._world, self._arm = world, world.arm(name)
         self._T_view_base, self.T_base_view = T_view_base, inverse(T_view_base)
         self._own = self._arm.description.own_joints
-        whole = self._arm.setpoints()
+        whole = self._arm.joints.setpoints()
         self._commanded, self._rest = whole[: self._own], whole[self._own :]
         self._least_insertion = -np.inf
-        if self._arm.type == "PSM" and "wrist_pitch" in self._arm.description.mechanism.frame_index:
+        if (
+            self._arm.description.type == "PSM"
+            and "wrist_pitch" in self._arm.description.mechanism.frame_index
+        ):
             depth = world.frames.depth(name)
-            measured = float(self._arm.positions()[INSERTION])
+            measured = float(self._arm.joints.positions()[INSERTION])
             self._least_insertion = measured + SAFE_DEPTH_M - depth
 
     @property
@@ -106,12 +109,14 @@ class Slave:
         if reason:
             self._arm.servo_jp(self._commanded)
             return reason
-        inside = np.clip(q, self._arm.lower[: self._own], self._arm.upper[: self._own])
+        inside = np.clip(
+            q, self._arm.joints.lower[: self._own], self._arm.joints.upper[: self._own]
+        )
         speed = (inside - self._commanded) / period_s
         self._commanded = inside
         self._arm.servo_jp(inside, speed)
         beyond = np.flatnonzero(inside != q)
-        return f"{self._arm.joint_names[beyond[0]]} is at its limit" if beyond.size else ""
+        return f"{self._arm.joints.names[beyond[0]]} is at its limit" if beyond.size else ""
 
     def _solve(self, goal: Array) -> Array:
         """Return the joints that bring the tip to a pose in the arm's own base, (n,).
@@ -123,7 +128,7 @@ class Slave:
             found = frames.reach(arm.name, goal, self._commanded)
             if found is not None and np.abs(found - self._commanded).max() <= FAR:
                 return found
-        return arm.inverse_kinematics(arm.base_frame()[0] @ goal, self._commanded)
+        return arm.inverse_kinematics(arm.local.base_frame()[0] @ goal, self._commanded)
 
     def _objection(self, q: Array, goal: Array) -> str:
         """Return the reason that joint positions must not be commanded, "" when they may."""

@@ -33,7 +33,7 @@ class Fixtures:
 
     def __init__(self, world: World, fixtures: Sequence[Fixture]) -> None:
         self._world, self._fixtures = world, tuple(fixtures)
-        able = [name for name, arm in world.arms.items() if arm.type == "PSM"]
+        able = [name for name, arm in world.arms.items() if arm.description.type == "PSM"]
         frames = (WORLD, *world.arms, *world.objects)
         for one in self._fixtures:
             for key, got, known in (("arm", one.arm, able), ("frame", one.frame, frames)):
@@ -92,7 +92,7 @@ class Fixtures:
         except InputError:
             return command  # the arm rejects it, with a warning
         frame = self._world.reference_pose(command.arm)
-        frame = frame @ inverse(self._world.arm(command.arm).base_frame()[0])
+        frame = frame @ inverse(self._world.arm(command.arm).local.base_frame()[0])
         p = _moved(frame, T[:3, 3])
         q = self.filtered(command.arm, p)
         if (q == p).all():

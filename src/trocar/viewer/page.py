@@ -78,7 +78,9 @@ class Page:
         self._tips: Future[dict[str, Floats]] | None = None
         self._last_tips: dict[str, Floats] = {}
         self._history = History()
-        names = sorted(world.arms, key=lambda name: world.arms[name].type == "SUJ")  # those last
+        names = sorted(
+            world.arms, key=lambda name: world.arms[name].description.type == "SUJ"
+        )  # those last
         arms = {name: read_arm(world, name) for name in names}
         _theme(server.gui)
         self.panel = Panel(

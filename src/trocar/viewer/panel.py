@@ -101,22 +101,22 @@ def read_arm(world: World, name: str) -> ArmInfo:
         JointInfo(
             name=joint,
             unit=LENGTH if kinds[k] == "prismatic" else ANGLE,
-            lower=float(arm.lower[k]),
-            upper=float(arm.upper[k]),
-            effort_max=min(float(arm.effort_limit[k]), UNLIMITED),
-            gains=arm.gains(joint),
-            is_gripper=arm.gripper is not None and joint == arm.joint_names[-1],
+            lower=float(arm.joints.lower[k]),
+            upper=float(arm.joints.upper[k]),
+            effort_max=min(float(arm.joints.effort_limit[k]), UNLIMITED),
+            gains=arm.joints.gains(joint),
+            is_gripper=arm.gripper is not None and joint == arm.joints.names[-1],
         )
-        for k, joint in enumerate(arm.joint_names)
+        for k, joint in enumerate(arm.joints.names)
     )
     return ArmInfo(
         name=arm.name,
-        type=arm.type,
+        type=arm.description.type,
         joints=joints,
-        poses=tuple(arm.poses),
+        poses=tuple(arm.joints.poses),
         has_brakes=bool(arm.brakes),
-        gravity_compensation=arm.gravity_compensation,
-        tool=arm.tool,
+        gravity_compensation=arm.joints.gravity_compensation,
+        tool=arm.description.tool,
         tools=fitting_tools(arm.description),
     )
 

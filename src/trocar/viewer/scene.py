@@ -305,9 +305,9 @@ class ToolFrames:
 def tips_of(world: World) -> dict[str, Floats]:
     """Return the tip of every arm in the world, T_world_tip (4, 4); call it through `Loop.ask`."""
     return {
-        name: world.reference_pose(name) @ arm.local_measured_cp().T
+        name: world.reference_pose(name) @ arm.local.measured_cp().T
         for name, arm in world.arms.items()
-        if arm.type in ("PSM", "ECM", "MTM")
+        if arm.description.type in ("PSM", "ECM", "MTM")
     }
 
 

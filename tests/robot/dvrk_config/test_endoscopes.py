@@ -76,7 +76,7 @@ def test_a_published_ecm_stays_trocar_s_own(tmp_path: Path) -> None:
 def test_the_camera_looks_out_of_the_tip(tmp_path: Path, scope: str) -> None:
     world = World(imported(tmp_path, scope).rig)
     camera = world.camera("endoscope").T_world_camera
-    tip = world.reference_pose("ECM") @ world.arm("ECM").local_measured_cp().T
+    tip = world.reference_pose("ECM") @ world.arm("ECM").local.measured_cp().T
     np.testing.assert_allclose(camera[:3, 3], tip[:3, 3], atol=1e-9)
     np.testing.assert_allclose(camera[:3, :2], -tip[:3, :2], atol=1e-9)  # right and down: -x, -y
     np.testing.assert_allclose(camera[:3, 2], tip[:3, 2], atol=1e-9)
@@ -88,7 +88,7 @@ def test_arms_beside_a_bent_scope_are_seen_from_its_tip(tmp_path: Path) -> None:
     found = import_dvrk(path, tmp_path / "rig.toml")
     assert max(max(gap.metres, gap.radians) for gap in found.agreement.values()) < 1e-5
     world = World(found.rig)
-    q = {name: arm.readings()[0] for name, arm in world.arms.items()}
+    q = {name: arm.joints.readings()[0] for name, arm in world.arms.items()}
     setups = {setup["name"]: setup for setup in lab.CLASSIC}
     row = lab.base(setups["ECM"], q["SUJ_ECM"]) @ lab.chain(lab.ECM, q["ECM"])
     tip = lab.chain([*lab.PSM, *lab.TOOL["Classic"]], q["PSM1"][:6]) @ lab.TOOLTIP

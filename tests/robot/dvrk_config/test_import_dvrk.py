@@ -47,7 +47,10 @@ def test_bases_and_tips_agree_with_the_file_at_any_joints(tmp_path: Path, genera
     for name, setup in setups.items():
         arm, suj = found.rig.arm(name).arm.mechanism, found.rig.arm(f"SUJ_{name}").arm.mechanism
         for _ in range(10):
-            q, q_suj = rng.uniform(arm.lower, arm.upper), rng.uniform(suj.lower, suj.upper)
+            q, q_suj = (
+                rng.uniform(arm.lower, arm.upper),
+                rng.uniform(suj.lower, suj.upper),
+            )
             seen = moved(found.rig, name, q, q_suj)
             np.testing.assert_allclose(seen, lab.base(setup, q_suj), atol=EXACT)
             if name == "ECM":
@@ -95,7 +98,7 @@ def test_the_rig_is_simulated_and_its_poses_are_the_dvrk_s(tmp_path: Path, gener
     psm, ecm = (lab.PSM, lab.ECM) if generation == "Classic" else (lab.PSM_SI, lab.ECM_SI)
     before = np.zeros(0)
     for _ in range(2):
-        q = {name: arm.readings()[0] for name, arm in world.arms.items()}
+        q = {name: arm.joints.readings()[0] for name, arm in world.arms.items()}
         scope = lab.base(setups["ECM"], q["SUJ_ECM"]) @ lab.chain(ecm, q["ECM"]) @ lab.SCOPE_TIP
         for name in ("PSM1", "PSM2", "PSM3"):
             tip = lab.chain([*psm, *lab.TOOL[generation]], q[name][:6]) @ lab.TOOLTIP
@@ -105,10 +108,10 @@ def test_the_rig_is_simulated_and_its_poses_are_the_dvrk_s(tmp_path: Path, gener
             np.testing.assert_allclose(told.T, seen, atol=1e-6)
         told = world.arm("ECM").measured_cp().T
         np.testing.assert_allclose(told, scope, atol=1e-6)
-        before = world.arm("PSM1").readings()[0]
+        before = world.arm("PSM1").joints.readings()[0]
         world.arm("PSM1").servo_jp(before[:6] + np.array([0.05, 0.05, 0.01, 0.2, 0.1, 0.1]))
         world.step(400)
-    gone = world.arm("PSM1").readings()[0][:6] - before[:6]
+    gone = world.arm("PSM1").joints.readings()[0][:6] - before[:6]
     np.testing.assert_allclose(gone, [0.05, 0.05, 0.01, 0.2, 0.1, 0.1], atol=0.02)
 
 
@@ -126,7 +129,7 @@ def test_masters_stand_under_the_display_as_the_file_says(tmp_path: Path) -> Non
     found = import_dvrk(lab.lab(tmp_path / "in"), tmp_path / "rig.toml")
     world = World(str(tmp_path / "rig.toml"))
     for name, x in (("MTML", 0.18), ("MTMR", -0.18)):
-        base, frame = world.arm(name).base_frame()
+        base, frame = world.arm(name).local.base_frame()
         assert frame == "HRSV"
         np.testing.assert_allclose(base[:3, :3], lab.HRSV, atol=1e-9)
         np.testing.assert_allclose(base[:3, 3], [x, 0.4, 0.475], atol=1e-9)
@@ -209,7 +212,7 @@ def test_bases_in_a_frame_that_no_arm_has_stand_so_and_are_told_so(tmp_path: Pat
     found = import_dvrk(path, tmp_path / "rig.toml")
     told = World(str(tmp_path / "rig.toml")).arm("PSM1")
     assert told.measured_cp().frame_id == "ECM"
-    np.testing.assert_allclose(told.base_frame()[0], T, atol=1e-9)
+    np.testing.assert_allclose(told.local.base_frame()[0], T, atol=1e-9)
     assert any("tool_detection is AUTOMATIC" in text for text in found.notes)
     assert found.idle == (f"{path}: IOs, arms[].IO",)
 

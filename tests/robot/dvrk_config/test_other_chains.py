@@ -43,7 +43,7 @@ def test_a_psm_of_other_lengths_is_serial_and_reaches_where_its_file_says(tmp_pa
     world = World(found.rig)
     world.arm("PSM").servo_jp(np.array([0.1, 0.1, 0.13, 0.0, 0.0, 0.0]))
     world.step(500)
-    assert abs(world.arm("PSM").readings()[0][0] - 0.1) < 0.01
+    assert abs(world.arm("PSM").joints.readings()[0][0] - 0.1) < 0.01
 
 
 def test_an_ecm_of_other_lengths_is_serial_too(tmp_path: Path) -> None:

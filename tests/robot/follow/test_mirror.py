@@ -28,7 +28,7 @@ class Seen:
     def ticked(self, elapsed) -> None:
         self.time.append(elapsed.simulated_s)
         for arm in self._arms:
-            self.q[arm].append(self._world.arm(arm).readings()[0])
+            self.q[arm].append(self._world.arm(arm).joints.readings()[0])
 
     def patience(self) -> int:
         return 1
@@ -132,15 +132,15 @@ def test_a_bag_without_the_topics_lists_those_that_it_has(tmp_path: Path) -> Non
 def test_arms_that_are_not_asked_for_or_not_told_of_stay(tmp_path: Path) -> None:
     path = write(tmp_path / "a.bag", "ros1", rows(["PSM1", "PSM2"], 0.5))
     world = World("two_psm_ecm")
-    before = {name: arm.readings()[0] for name, arm in world.arms.items()}
+    before = {name: arm.joints.readings()[0] for name, arm in world.arms.items()}
     loop = Loop(world, speed="max", tick_s=SERVER_TICK_S)
     mirror = Mirror(loop, BagSource(open_bag(path)), ["PSM1"])
     mirror.start()
     while not mirror.over.is_set():
         loop.tick()
     for name in ("PSM2", "ECM"):
-        assert np.abs(world.arm(name).readings()[0] - before[name]).max() < 1e-3
-    assert np.abs(world.arm("PSM1").readings()[0] - before["PSM1"]).max() > 0.1
+        assert np.abs(world.arm(name).joints.readings()[0] - before[name]).max() < 1e-3
+    assert np.abs(world.arm("PSM1").joints.readings()[0] - before["PSM1"]).max() > 0.1
 
 
 def test_namespaces_names_and_limits(tmp_path: Path) -> None:

@@ -26,13 +26,13 @@ def test_the_motion_is_identical_when_the_commands_are_repeated(tmp_path: Path) 
     with record(world, file):
         arm.move_jp(GOAL)
         world.step(150)
-        arm.set_gains("pitch", p=20.0)
+        arm.joints.set_gains("pitch", p=20.0)
         assert arm.jaw is not None
         arm.jaw.open().wait()
         arm.servo_jp(np.array(GOAL) + 0.01)
         world.step(333)
-        arm.set_mode("effort", ["roll"])
-        arm.use_gravity_compensation(False)
+        arm.joints.set_mode("effort", ["roll"])
+        arm.joints.use_gravity_compensation(False)
         world.step(50)
         world.reset()
         world.step(100)
@@ -48,7 +48,7 @@ def test_a_recording_that_begins_in_the_middle_of_a_move_is_repeated_too(tmp_pat
     file = tmp_path / "run.mcap"
     world = World("psm")
     arm = world.arm("PSM1")
-    arm.set_gains("yaw", p=33.0)
+    arm.joints.set_gains("yaw", p=33.0)
     world.step(10)
     world.reset()
     arm.move_jp(GOAL)
@@ -70,7 +70,7 @@ def test_states_faults_and_periodic_laws_are_repeated(tmp_path: Path) -> None:
         arm.home().wait()
         springs = HalfPlaneGains(p=np.full(3, -200.0), d=np.full(3, -5.0))
         here = arm.measured_cp().T
-        arm.servo_ci(
+        arm.forces.servo_ci(
             CartesianImpedance(
                 here[:3, 3] + 0.01,
                 torque_orientation=here[:3, :3],
@@ -79,7 +79,7 @@ def test_states_faults_and_periodic_laws_are_repeated(tmp_path: Path) -> None:
             )
         )
         world.step(200)
-        arm.servo_cf([0.5, 0.0, 0.2, 0.0, 0.0, 0.0])
+        arm.body.servo_cf([0.5, 0.0, 0.2, 0.0, 0.0, 0.0])
         world.step(200)
         arm.servo_jp(arm.measured_js().position)
         world.step(100)
@@ -228,7 +228,7 @@ def test_an_exchange_of_tools_is_recorded_and_repeated(tmp_path: Path) -> None:
         arm.move_jp(GOAL)
         world.arm("PSM2").move_to("work")
         world.step(150)
-        arm.set_tool_type("MARYLAND_BIPOLAR_FORCEPS:400172")
+        arm.runtime.set_tool_type("MARYLAND_BIPOLAR_FORCEPS:400172")
         world.step(150)
         assert arm.jaw is not None
         arm.jaw.open()

@@ -7,6 +7,7 @@ import itertools
 import pickle
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -145,7 +146,7 @@ class History:
     def arm(self) -> Arm:
         """Any arm that moves."""
         arms = self.world.arms.values()
-        return self.pick([arm for arm in arms if not arm.motors.welded])
+        return self.pick([arm for arm in arms if not arm.runtime.motors.welded])
 
     def move(self) -> None:
         """Send an arm somewhere near its start."""
@@ -155,13 +156,15 @@ class History:
 
     def servo(self) -> None:
         """Drive an arm by velocities, small turns, forces or springs."""
-        arm, verb = self.arm, self.pick(["servo_jv", "servo_jr", "servo_cf", "servo_ci"])
+        arm, verb = self.arm, self.pick(["servo_jv", "servo_jr", "forces.servo_cf", "servo_ci"])
         if verb == "servo_ci":
             gains = HalfPlaneGains(p=np.full(3, -50.0), d=np.full(3, -5.0))
-            arm.servo_ci(CartesianImpedance(arm.measured_cp().T[:3, 3], position_positive=gains))
+            arm.forces.servo_ci(
+                CartesianImpedance(arm.measured_cp().T[:3, 3], position_positive=gains)
+            )
         else:
-            size = 6 if verb == "servo_cf" else arm.description.own_joints
-            getattr(arm, verb)(self.rng.uniform(-0.03, 0.03, size))
+            size = 6 if verb == "forces.servo_cf" else arm.description.own_joints
+            attrgetter(verb)(arm)(self.rng.uniform(-0.03, 0.03, size))
 
     def jaw(self) -> None:
         """Open or close a jaw."""
@@ -176,14 +179,14 @@ class History:
     def change(self) -> None:
         """Change gains, compensation, modes, ratios and frames."""
         arm, on = self.arm, self.pick([True, False])
-        arm.set_gains(arm.joint_names[0], p=self.rng.uniform(10.0, 60.0))
-        arm.use_gravity_compensation(on)
-        arm.use_computed_torque(on)
-        arm.set_mode("effort" if on else "position", [arm.joint_names[0]])
-        arm.set_trajectory_ratio(self.rng.uniform(0.1, 1.0))
-        arm.use_strict_limits(on)
+        arm.joints.set_gains(arm.joints.names[0], p=self.rng.uniform(10.0, 60.0))
+        arm.joints.use_gravity_compensation(on)
+        arm.joints.use_computed_torque(on)
+        arm.joints.set_mode("effort" if on else "position", [arm.joints.names[0]])
+        arm.joints.set_trajectory_ratio(self.rng.uniform(0.1, 1.0))
+        arm.joints.use_strict_limits(on)
         if on:
-            arm.lock_orientation()  # which masters can
+            arm.forces.lock_orientation()  # which masters can
 
     def put(self) -> None:
         """Put an arm somewhere."""
@@ -345,9 +348,9 @@ class Spiral:
 def test_a_state_with_a_controller_of_another_package_cannot_be_repeated_which_is_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("trocar.simulation.arm.load_registered", lambda *_: Spiral)
+    monkeypatch.setattr("trocar.simulation.forces.load_registered", lambda *_: Spiral)
     world, file = World("psm"), tmp_path / "run.mcap"
-    world.arm("PSM1").use_controller("spiral")
+    world.arm("PSM1").forces.use_controller("spiral")
     world.step(5)
     state = world.save()
     with record(world, file):

@@ -78,7 +78,7 @@ def test_a_viewer_reads_the_arms_joints_by_the_text_that_came_with_them(shown: S
     read = store.deserialize_cdr(data, told["schemaName"])
     assert topic == ARM
     arm = shown.world.arm("PSM1")
-    assert [*read.name, "jaw"] == list(arm.joint_names)
+    assert [*read.name, "jaw"] == list(arm.joints.names)
     np.testing.assert_allclose(read.position, arm.measured_js().position[:6], atol=1e-5)
     assert np.any(np.abs(read.position) > 0.01)
     assert log_ns == read.header.stamp.sec * 10**9 + read.header.stamp.nanosec

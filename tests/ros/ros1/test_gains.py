@@ -55,7 +55,7 @@ KEY = "/PSM1/yaw_controller"
 def test_they_are_written_down_and_deleted_at_the_end(served: Any) -> None:
     server = Server()
     gains, cache = started(served, server)
-    p, i, d = served.world.arm("PSM1").gains("yaw")
+    p, i, d = served.world.arm("PSM1").joints.gains("yaw")
     assert server.kept[KEY] == cache.kept[KEY] == {"p": p, "i": i, "d": d}
     assert "<robot" in server.kept["/robot_description"]
     gains.forget()
@@ -66,8 +66,8 @@ def test_those_that_are_there_already_are_taken_over(served: Any) -> None:
     server = Server(__PSM1__yaw_controller={"p": 70.0, "d": 5})
     gains, _ = started(served, server)
     served.run()
-    _, i, _ = served.world.arm("PSM1").gains("pitch")
-    assert served.world.arm("PSM1").gains("yaw") == (70.0, i, 5.0)
+    _, i, _ = served.world.arm("PSM1").joints.gains("pitch")
+    assert served.world.arm("PSM1").joints.gains("yaw") == (70.0, i, 5.0)
     assert server.kept[KEY] == {"p": 70.0, "i": i, "d": 5.0}
     gains.forget()
     assert KEY not in server.kept
@@ -78,16 +78,16 @@ def test_one_that_is_set_is_obeyed(served: Any, key: str, value: object) -> None
     _, cache = started(served, Server())
     cache.notifier(key, value)
     served.run()
-    assert served.world.arm("PSM1").gains("yaw")[0] == 33.0
+    assert served.world.arm("PSM1").joints.gains("yaw")[0] == 33.0
 
 
 @pytest.mark.parametrize("value", ["abc", -1.0, float("nan"), float("inf"), True, [1.0], {}, None])
 def test_what_is_no_gain_is_refused_on_the_arms_topic(served: Any, value: object) -> None:
     _, cache = started(served, Server())
-    before = served.world.arm("PSM1").gains("yaw")
+    before = served.world.arm("PSM1").joints.gains("yaw")
     cache.notifier(f"{KEY}/d", value)
     served.run(0.02)
-    assert served.world.arm("PSM1").gains("yaw") == before
+    assert served.world.arm("PSM1").joints.gains("yaw") == before
     assert "yaw_controller/d" in served.transport.last("PSM1/warning")["data"]
 
 

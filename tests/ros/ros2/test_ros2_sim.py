@@ -55,7 +55,7 @@ def test_a_service_answers_each_call_to_its_caller(simulator) -> None:
 def test_the_model_and_the_gains_are_parameters_of_the_node() -> None:
     with served() as (core, transport), program("parameters", transport.where) as peer:
         told = peer.tell()
-        assert core.loop.world.arm("PSM1").gains("yaw")[0] == 77.0
+        assert core.loop.world.arm("PSM1").joints.gains("yaw")[0] == 77.0
     assert {"robot_description", "use_sim_time", "PSM1.jaw_controller.d"} < set(told["names"])
     model, time, gain, nothing = told["values"]
     assert model[0] == 4 and "<robot" in model[3]

@@ -51,14 +51,14 @@ class Finger:
         across, down = np.array([-np.sin(turn), np.cos(turn), 0.0]), np.array([0.0, 0.0, -1.0])
         facing = np.column_stack([np.cross(across, down), across, down])
         self.at = transform(facing, self.tissue.pose[:3, 3] + [x, y, 0.03])
-        start, self.jaw = self.arm.setpoints()[:-1], jaw
+        start, self.jaw = self.arm.joints.setpoints()[:-1], jaw
         q = self.reach.all(self.at)[0]
         for k in range(100):
             self.drive(start + (q - start) * (k + 1) / 100)
 
     def drive(self, q: Array | None = None) -> None:
         """Command joint positions, those of the tip's set-point when omitted, for 5 ms."""
-        found = self.reach.near(self.at, self.arm.setpoints()[:-1]) if q is None else q
+        found = self.reach.near(self.at, self.arm.joints.setpoints()[:-1]) if q is None else q
         assert found is not None
         self.arm.servo_jp(found)
         assert self.arm.jaw is not None

@@ -257,7 +257,7 @@ def test_the_drawn_thread_stays_outside_of_jaws_and_needle(world: World) -> None
         last = drawn_thread(world)
         down = transform(np.diag([1.0, -1.0, -1.0]), last[30] + np.array([0.0, 0.0, 0.0095]))
         local = inverse(world.reference_pose("PSM1")) @ down
-        at = arm.local_inverse_kinematics(local, arm.motors.position[:-1])
+        at = arm.local.inverse_kinematics(local, arm.runtime.motors.position[:-1])
         for opening in (0.6, 0.4, 0.2, 0.0):
             world.set_state("PSM1", np.append(at, opening))
             for _ in range(5):

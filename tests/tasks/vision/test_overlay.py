@@ -163,19 +163,19 @@ def test_overlays_of_mirrored_arms_lie_where_the_robots_own_camera_has_them() ->
     robot, twin = World("two_psm_ecm"), World("two_psm_ecm")
     rng = np.random.default_rng(3)
     for name in ("PSM1", "ECM"):
-        q = robot.arms[name].positions()
+        q = robot.arms[name].joints.positions()
         q[:4] += rng.uniform(-0.03, 0.03, 4) * [1.0, 1.0, 0.1, 1.0]
         robot.set_state(name, q)
     eyes = robot.camera("endoscope").calibration
     at = robot.camera("endoscope").T_world_eyes[1]
     line = at @ [[-0.005, 0.008], [0.002, -0.003], [0.08, 0.09], [1.0, 1.0]]
     true = View(eyes.eyes[1], at).pixels(line[:3].T).mean(axis=0)
-    on_tool = inverse(robot.arms["PSM1"].tip_in_world().T) @ line
+    on_tool = inverse(robot.arms["PSM1"].measured_cp("world").T) @ line
     image = np.zeros((eyes.eyes[1].height, eyes.eyes[1].width, 3), np.uint8)
 
     def drawn() -> float:
         """Return by how much the middle of a curve on the twin's tool is off in the image [px]."""
-        ends = twin.arms["PSM1"].tip_in_world().T @ on_tool
+        ends = twin.arms["PSM1"].measured_cp("world").T @ on_tool
         view = View(eyes.eyes[1], twin.camera("endoscope").T_world_eyes[1])
         shown = overlaid(image, view, [Curve(ends[:3].T, (255, 255, 255), 1)])[..., 0].astype(float)
         v, u = np.nonzero(shown)
@@ -184,7 +184,7 @@ def test_overlays_of_mirrored_arms_lie_where_the_robots_own_camera_has_them() ->
 
     assert drawn() > 5.0
     for name in ("PSM1", "ECM"):  # the joint states at the image's stamp
-        command = follow(name, robot.arms[name].positions(), np.zeros(7), "set")
+        command = follow(name, robot.arms[name].joints.positions(), np.zeros(7), "set")
         assert command.act is not None
         command.act(twin)
     assert drawn() < 0.2

@@ -489,6 +489,8 @@ def _free_offsets(model: _BoardModel, values: Values) -> tuple[tuple[str, int], 
     every = _candidates(model.views)
     values = {**values, "offsets": np.zeros(len(every))}
     J = replace(model, offsets=tuple(every)).blocks(values)["corners"].derivative
+    if J is None:
+        raise ValueError("corners: got no derivative; needed: an analytic one")
     end = layout(values)["offsets"].start
     basis, _ = np.linalg.qr(J[:, :end] / np.linalg.norm(J[:, :end], axis=0))
     free: list[tuple[str, int]] = []

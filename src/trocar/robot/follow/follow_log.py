@@ -192,8 +192,8 @@ class _Run:
         self.samples, self.clipped = 1, 0
         self.sums = np.zeros((3, len(self.joints)))  # of position and effort errors, of efforts
         if mode == "effort":
-            world.arm(name).set_mode("effort")
-            world.arm(name).use_gravity_compensation(False)
+            world.arm(name).joints.set_mode("effort")
+            world.arm(name).joints.use_gravity_compensation(False)
 
     def play(self, rows: Array, fresh: bool) -> None:
         """Play rows (k + 1, 3, n) from the first on, restarting there when `fresh`."""

@@ -143,10 +143,10 @@ def prepare(name: str, by: By) -> Command:
 
     def act(world: World) -> None:
         arm = world.arm(name)
-        if arm.type == "SUJ":
-            arm.release_brakes()
+        if arm.description.type == "SUJ":
+            arm.brakes.release()
         if by == "set":
-            arm.set_mode("set")
+            arm.joints.set_mode("set")
 
     return Command(name, "prepare", act=act)
 

@@ -205,12 +205,12 @@ class StepBench:
         arm = self._world.arm(self._name)
         count = round(ANSWER_S / self._world.timestep)
         position, effort = np.zeros(count + 1), np.zeros(count + 1)
-        position[0] = arm.positions()[index]
+        position[0] = arm.joints.positions()[index]
         self._command(joint, target)
-        effort[0] = arm.readings()[2][index]
+        effort[0] = arm.joints.readings()[2][index]
         for row in range(1, count + 1):
             self._world.step()
-            q, _, exerted = arm.readings()
+            q, _, exerted = arm.joints.readings()
             position[row], effort[row] = q[index], exerted[index]
         time = self._world.timestep * np.arange(count + 1, dtype=np.float64)
         share = float(np.abs(effort).max()) / self.arm.joint(joint).effort_max
@@ -222,14 +222,14 @@ class StepBench:
         world, arm = self._world, self._world.arm(self._name)
         world.reset()
         for name, own in self._present.items():
-            arm.set_gains(name, own.p, own.i, own.d)
-        arm.set_gains(joint, gains.p, gains.i, gains.d)
+            arm.joints.set_gains(name, own.p, own.i, own.d)
+        arm.joints.set_gains(joint, gains.p, gains.i, gains.d)
         world.set_state(self._name, start)
         others = [name for name in self.joints if name != joint]
         if arm.brakes:
-            arm.release_brakes([joint])
+            arm.brakes.release([joint])
         elif others:
-            arm.set_mode("set", others)
+            arm.joints.set_mode("set", others)
         self._command(joint, start)
         world.step(round(REST_S / world.timestep))
 
@@ -256,4 +256,4 @@ class StepBench:
         return max(described.lower, stop) if math.isfinite(stop) else described.lower
 
     def _gains(self, joint: str) -> Gains:
-        return Gains(*self._world.arm(self._name).gains(joint))
+        return Gains(*self._world.arm(self._name).joints.gains(joint))

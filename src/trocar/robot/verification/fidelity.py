@@ -228,7 +228,7 @@ def tracking() -> Iterator[Figure]:
                 label = f"tracking of {joint}, {friction} friction"
                 yield Figure(label, 1e3 * rms, unit, bounded)
                 if friction == "paper":
-                    gain = world.arms[arm].gains(joint)[0]
+                    gain = world.arms[arm].joints.gains(joint)[0]
                     share = 1e3 * inertia[index] * swing[index] / gain
                     yield Figure(f"  of which inertia explains (M q'' / P) in {joint}", share, unit)
 
@@ -241,7 +241,7 @@ def released_insertion() -> Iterator[Figure]:
     world = World("psm", friction="paper")
     world.set_state("PSM1", np.array([0.3, 0.6, 0.12, 0.0, 0.0, 0.0, 0.0]))
     arm = next(iter(world.arms.values()))
-    arm.set_mode("effort", ["insertion"])
+    arm.joints.set_mode("effort", ["insertion"])
     before = arm.measured_js().position[2]
     world.step(round(1.0 / world.timestep))
     drift = abs(arm.measured_js().position[2] - before)
@@ -269,13 +269,13 @@ def drifts(
     for _ in range(poses):
         world.reset()
         for name, arm in world.arms.items():
-            world.set_state(name, rng.uniform(arm.lower, arm.upper))
-            arm.set_mode("effort")
+            world.set_state(name, rng.uniform(arm.joints.lower, arm.joints.upper))
+            arm.joints.set_mode("effort")
             arm.servo_jf(np.zeros(len(arm.measured_js().position)))
-        before = {name: arm.local_measured_cp().T[:3, 3] for name, arm in world.arms.items()}
+        before = {name: arm.local.measured_cp().T[:3, 3] for name, arm in world.arms.items()}
         world.step(round(seconds / world.timestep))
         for name, arm in world.arms.items():
-            found.append(float(np.linalg.norm(arm.local_measured_cp().T[:3, 3] - before[name])))
+            found.append(float(np.linalg.norm(arm.local.measured_cp().T[:3, 3] - before[name])))
     return found
 
 
@@ -314,7 +314,7 @@ def rest_errors(rig: str, goals: int = POSES) -> dict[tuple[str, str], float]:
 
 def _goal(arm: Arm, rng: np.random.Generator) -> np.ndarray:
     count = len(arm.measured_js().position)
-    lower, upper = arm.lower[:count], arm.upper[:count]
+    lower, upper = arm.joints.lower[:count], arm.joints.upper[:count]
     return rng.uniform(lower + 0.1 * (upper - lower), upper - 0.1 * (upper - lower))
 
 

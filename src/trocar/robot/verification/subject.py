@@ -185,15 +185,15 @@ class Sweeps:
 def _set(world: World, name: str, q: Array, v: Array) -> tuple[Array, Array]:
     """Put the joints to each row, let the loops settle for a tick, and look."""
     arm, own = world.arm(name), world.rig.arm(name).arm.own_joints
-    arm.set_mode("set")
+    arm.joints.set_mode("set")
     every = periods_per_tick(world)
     actual: list[Array] = []
     coordinates: list[Array] = []
     for place, speed in zip(q[:, :own], v[:, :own], strict=True):
         arm.servo_jp(place, speed)
         world.step(every)
-        actual.append(arm.positions())
-        coordinates.append(arm.frame_coordinates())
+        actual.append(arm.joints.positions())
+        coordinates.append(arm.joints.frame_coordinates())
     return np.array(actual), np.array(coordinates)
 
 

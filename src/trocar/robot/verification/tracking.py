@@ -91,7 +91,7 @@ def track(subject: Subject, model: Model, compensated: bool = True) -> TrackedJo
     world, arm = subject.world(model), subject.arm
     sine = paper_sine(world.rig, DURATION_S, TICK_S)
     begin_trajectory(world, sine)
-    world.arm(subject.place).use_gravity_compensation(compensated)
+    world.arm(subject.place).joints.use_gravity_compensation(compensated)
     played = world.play(sine.positions, sine.velocities, every=periods_per_tick(world))
     name, own = subject.place, arm.own_joints
     joints = arm.joints[:own]
@@ -99,7 +99,7 @@ def track(subject: Subject, model: Model, compensated: bool = True) -> TrackedJo
         model,
         tuple(j.name for j in joints),
         tuple(j.kind for j in joints),
-        tuple(world.arm(name).gains(j.name) for j in joints),
+        tuple(world.arm(name).joints.gains(j.name) for j in joints),
         played.time,
         sine.expected[name][:, :own],
         played.positions[name][:, :own],

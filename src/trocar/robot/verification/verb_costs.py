@@ -95,7 +95,7 @@ def _verbs(name: str, limits: Sequence[float | None]) -> list[Figure]:
         "measured_js": arm.measured_js,
         "measured_cp": arm.measured_cp,
         "servo_cp": lambda: arm.servo_cp(T),
-        "measured_cf": arm.measured_cf,
+        "measured_cf": arm.body.measured_cf,
     }
     for _ in range(5000):  # the commands that a recording would repeat are kept until then
         arm.servo_jp(q)
@@ -148,7 +148,7 @@ def _worlds(rig: str, reset_ms: float, second: float) -> list[Figure]:
 def _environment(rig: str, most: float) -> Figure:
     """Set every joint, step 20 ms, read joints and tips; how much of it is not `mj_step`."""
     world = _plain(rig)
-    arms = [arm for arm in world.arms.values() if arm.type != "SUJ"]
+    arms = [arm for arm in world.arms.values() if arm.description.type != "SUJ"]
     model, data = world.mj_model, mujoco.MjData(world.mj_model)
     goals = {arm.name: arm.setpoint_js().position for arm in arms}
 
@@ -215,11 +215,11 @@ def holding_a_block() -> World:
     world = _plain("pegs")
     arm, at = world.arm("PSM1"), world.object("block2").measured_cp().T[:3, 3]
     cart = world.reference_pose("PSM1")
-    down = (cart @ arm.local_measured_cp().T)[:3, :3]
+    down = (cart @ arm.local.measured_cp().T)[:3, :3]
 
     def go(height: float) -> None:
         T = transform(down, at + np.array([0.0, 0.0, height]))
-        arm.move_cp(arm.base_frame()[0] @ inverse(cart) @ T).wait(timeout_s=4.0)
+        arm.move_cp(arm.local.base_frame()[0] @ inverse(cart) @ T).wait(timeout_s=4.0)
 
     jaw = cast(Jaw, arm.jaw)
     jaw.move_jp([0.6]).wait(timeout_s=2.0)

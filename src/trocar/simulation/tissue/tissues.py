@@ -195,7 +195,7 @@ class SoftTissue(Part):
         """Take the physics that it is in, what shows the same bodies, and what touches it."""
         model, data = physics.model, physics.data
         self._model, self._data = model, data
-        self._shadows = physics.frames.shadow, physics.true_frames.shadow
+        self._shadows = *physics.frames.scratches, *physics.true_frames.scratches
         jaws = jaws_of(physics.rig, model)
         self._tools = Tools(model, data, jaws)
         if jaws:

@@ -33,7 +33,7 @@ class Reach(Task):
         """Yield the actions of the scripted policy."""
         motions: dict[str, Motion] = {}
         for goal, at in self.goals:
-            if self.world.arms[goal.arm].type == "ECM":
+            if self.world.arms[goal.arm].description.type == "ECM":
                 motions[goal.arm] = self._creep(goal.arm, at)
             else:
                 place = at + (self.object_pose(goal.object)[:3, 3] if goal.object else 0.0)
@@ -45,7 +45,7 @@ class Reach(Task):
         """Yield joint velocities that bring an endoscope's tip to a place, (3,) [m]."""
         scope = self.world.arms[arm]
         while not self.done:
-            error = at - scope.tip_in_world().T[:3, 3]
+            error = at - scope.measured_cp("world").T[:3, 3]
             yield self.joint_rates(arm, lambda T: T[:3, 3], error)
 
     def joint_rates(self, arm: str, value: Callable[[Array], Array], error: Array) -> Array:
@@ -57,7 +57,7 @@ class Reach(Task):
             error: (k,)
         """
         scope, base = self.world.arms[arm], self.world.reference_pose(arm)
-        q, tip = scope.positions(), chain_pose(scope.description.mechanism)
+        q, tip = scope.joints.positions(), chain_pose(scope.description.mechanism)
 
         def at(joints: Array) -> Array:
             return value(base @ tip(joints))
@@ -76,7 +76,7 @@ class Track(Reach):
 
     def met(self, goal: Goal, at: Array) -> bool:
         """Return whether the axis passes near a place that lies ahead."""
-        seen = self.seen(self.world.arms[goal.arm].tip_in_world().T, at)
+        seen = self.seen(self.world.arms[goal.arm].measured_cp("world").T, at)
         return bool(seen[2] > 0.0 and np.hypot(seen[0], seen[1]) <= goal.radius)
 
     @staticmethod
@@ -92,7 +92,7 @@ class Track(Reach):
     def _follow(self, arm: str) -> Motion:
         while not self.done:
             at = self.goals[0][1]
-            here = self.seen(self.world.arms[arm].tip_in_world().T, at)[:2]
+            here = self.seen(self.world.arms[arm].measured_cp("world").T, at)[:2]
             yield self.joint_rates(arm, lambda T, at=at: self.seen(T, at)[:2], -here)
 
 

@@ -117,7 +117,7 @@ class EndoscopeTask(Task):
 
     def _measured(self, arm: str) -> Array:
         """Return an arm's tip in the world as its joints have it, (4, 4)."""
-        return self.world.reference_pose(arm) @ self.world.arms[arm].local_measured_cp().T
+        return self.world.reference_pose(arm) @ self.world.arms[arm].local.measured_cp().T
 
     def picture(self, capture: Callable[[], Picture]) -> Picture:  # noqa: ARG002  it has its own
         """Return the newest image with what is drawn into it."""
@@ -163,7 +163,7 @@ class NeedleTracking(EndoscopeTask):
     def see(self, frame: StereoFrame) -> list[Item]:
         """Track the needle and compare with the truth; draw the estimate."""
         T_left_world = inverse(self.measured_left())
-        (arm,) = (one for one in self.arms if self.world.arms[one].type == "PSM")
+        (arm,) = (one for one in self.arms if self.world.arms[one].description.type == "PSM")
         if self.referee.held.get(arm) == self.name:
             holder = Holder(arm, T_left_world @ self._measured(arm), self._reach, JAWS)
         else:
@@ -327,7 +327,9 @@ class VisualServoing(EndoscopeTask):
         """Begin to count, with a new servo."""
         self._rows: list[tuple[float, ...]] = []
         self._messages: dict[str, Any] = {}
-        self._ecm = next(name for name in self.arms if self.world.arms[name].type == "ECM")
+        self._ecm = next(
+            name for name in self.arms if self.world.arms[name].description.type == "ECM"
+        )
         super().begin()
         self.servo = VisualServo(
             self.world.arms[self._ecm].description,
@@ -340,7 +342,7 @@ class VisualServoing(EndoscopeTask):
         """Find the block in both eyes, and record its pixels."""
         pixels = [blue_box(image) for image in frame.eyes]
         left, right = pixels
-        q = self.world.arms[self._ecm].positions()
+        q = self.world.arms[self._ecm].joints.positions()
         if left is not None and right is not None:
             with suppress(InputError):  # a blob of something else, whose rays do not meet
                 self.servo.see(frame.time, q, left, right)
@@ -413,7 +415,7 @@ class VisualServoing(EndoscopeTask):
     def _follow(self) -> Motion:
         arm = self.world.arms[self._ecm]
         while not self.done:
-            yield self.servo.velocity(self.world.time, arm.positions())
+            yield self.servo.velocity(self.world.time, arm.joints.positions())
 
 
 def blue_box(image: Picture) -> Array | None:

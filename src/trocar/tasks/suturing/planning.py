@@ -316,8 +316,8 @@ class TipWorkspace:
         self._forward = world.reference_pose(arm)
         self._back = inverse(self._forward)
         count = self.arm.description.own_joints
-        self._lower, self._upper = self.arm.lower[:count], self.arm.upper[:count]
-        self.names = self.arm.joint_names[:count]
+        self._lower, self._upper = self.arm.joints.lower[:count], self.arm.joints.upper[:count]
+        self.names = self.arm.joints.names[:count]
         #: Joints that turn: whose distances from limits are angles.
         self._turns = np.array([j.kind != "prismatic" for j in self.arm.description.joints[:count]])
         self.port = world.remote_centres()[arm]
@@ -407,11 +407,11 @@ def make_plan(
     """
     needle = tissue.wire
     scopes = [
-        (arm.tip_in_world().T[:3, 3], world.remote_centres()[name])
+        (arm.measured_cp("world").T[:3, 3], world.remote_centres()[name])
         for name, arm in world.arms.items()
-        if arm.type == "ECM"
+        if arm.description.type == "ECM"
     ]
-    arms = [name for name, arm in world.arms.items() if arm.type == "PSM"]
+    arms = [name for name, arm in world.arms.items() if arm.description.type == "PSM"]
     reaches = {name: TipWorkspace(world, name) for name in arms}
     found: list[Stitch] = []
     for place in places:

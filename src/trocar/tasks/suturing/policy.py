@@ -166,7 +166,7 @@ class NeedleHand(Hand):
 
     def to_joints(self, q: Array, speed: float = 1.2) -> Motion:
         """Go to joint positions, (n,), along a line between joints."""
-        start = self.task.world.arms[self.arm].setpoints()[: len(q)]
+        start = self.task.world.arms[self.arm].joints.setpoints()[: len(q)]
         scale = np.array([1.0, 1.0, 10.0, 0.6, 1.0, 1.0])  # m are 10 rad, a roll turns faster
         time = 1.5 * float(np.abs((q - start) * scale).max()) / speed
         count = max(1, int(np.ceil(time / PERIOD_S)))
@@ -186,7 +186,7 @@ class NeedleHand(Hand):
         """Bring the set-point half of the way to the measured tip, for a period."""
         now, goal = (
             self.task.controller.target(self.arm),
-            self.task.world.arms[self.arm].tip_in_world().T,
+            self.task.world.arms[self.arm].measured_cp("world").T,
         )
         change = rotation_vector_from_matrix(goal[:3, :3] @ now[:3, :3].T)
         way = np.concatenate([goal[:3, 3] - now[:3, 3], change])
@@ -208,7 +208,7 @@ class Sewing:
     def __init__(self, task: Task, operation: Operation) -> None:
         self.task, self.op = task, operation
         self.needle = operation.plan.needle
-        names = [name for name, arm in task.world.arms.items() if arm.type == "PSM"]
+        names = [name for name, arm in task.world.arms.items() if arm.description.type == "PSM"]
         self.hands = {
             name: NeedleHand(task, name, TipWorkspace(task.world, name)) for name in names
         }
@@ -387,9 +387,9 @@ class Sewing:
             start + np.linspace(0.0, self.op.tissue.tissue.thread.free, 20)[:, None, None] * ways
         )
         shafts = [
-            np.linspace(arm.tip_in_world().T[:3, 3], world.remote_centres()[name], 20)
+            np.linspace(arm.measured_cp("world").T[:3, 3], world.remote_centres()[name], 20)
             for name, arm in world.arms.items()
-            if arm.type == "ECM"
+            if arm.description.type == "ECM"
         ]
         for k, way in enumerate(ways):
             gaps = [np.linalg.norm(reach[:, k, None] - s, axis=2).min() for s in shafts]
@@ -502,7 +502,7 @@ class Sewing:
     @staticmethod
     def _reaches(hand: NeedleHand, poses: list[Array]) -> bool:
         """Return whether a hand gets through poses from its set-points, away from its limits."""
-        q: Array | None = hand.task.world.arms[hand.arm].setpoints()[:-1]
+        q: Array | None = hand.task.world.arms[hand.arm].joints.setpoints()[:-1]
         for T in poses:
             q = hand.reach.near(T, q)
             if q is None or hand.reach.margin(q)[0] < LEAST:
@@ -532,7 +532,7 @@ class Sewing:
 
     def _pose(self, hand: Hand, held: Array) -> Array:
         """Return the needle's pose in the world from that of a hand's tip in it, (4, 4)."""
-        return self.task.world.arms[hand.arm].tip_in_world().T @ inverse(held)
+        return self.task.world.arms[hand.arm].measured_cp("world").T @ inverse(held)
 
     def _see(self) -> Array:
         """Return the seen pose of the lying needle."""
@@ -554,7 +554,7 @@ class Sewing:
         """Return the pose of a hand's tip in the needle's frame as it is measured, (4, 4)."""
         rng, noise = self.op.noise_rng, self.op.noise
         needle = self.task.object_pose(self.op.tissue.tissue.needle)
-        held = inverse(needle) @ self.task.world.arms[hand.arm].tip_in_world().T
+        held = inverse(needle) @ self.task.world.arms[hand.arm].measured_cp("world").T
         turn = matrix_from_rotation_vector(noise.held_turn * rng.normal(size=3))
         return transform(turn, noise.held * rng.normal(size=3)) @ held
 

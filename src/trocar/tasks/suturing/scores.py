@@ -118,11 +118,11 @@ class Watch:
     def _look_at_grips(self, score: StitchScore) -> None:
         """Note how far the needle moved in the jaws that hold it, and friction that they need."""
         for arm, grasp in self.world.grasps().items():
-            if grasp.load == 0.0 or self.world.arms[arm].setpoints()[-1] > 0.0:
+            if grasp.load == 0.0 or self.world.arms[arm].joints.setpoints()[-1] > 0.0:
                 self._held.pop(arm, None)  # it presses, but does not hold yet, or lets go
                 continue
             needle = self.world.objects[grasp.object].measured_cp().T
-            held = inverse(self.world.arms[arm].tip_in_world().T) @ needle
+            held = inverse(self.world.arms[arm].measured_cp("world").T) @ needle
             if arm not in self._held:
                 self._held[arm] = held
                 score.tries += 1

@@ -1,0 +1,267 @@
+"""The operating state of an arm: its verbs, homing, faults."""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.simulation.control import ArmWorld, Homing, JointControl, OperatingState, State
+from trocar.simulation.forces import ForceControl
+from trocar.simulation.journal import command
+from trocar.simulation.moves import Motion
+
+Array = NDArray[np.float64]
+log = logging.getLogger("trocar")
+
+STATE_COMMANDS = ("enable", "disable", "home", "unhome", "pause", "resume")
+#: Copies of a homing under way: goal, goal of the set-points' move, whether that is over and there.
+HomingState = tuple[Array, Array, bool, bool]
+
+
+class ArmStateMachine:
+    """The verbs of an arm's operating state, and what ends its motion.
+
+    Args:
+        name: of the arm
+        forces: its force control
+        clock: its world
+
+    Attributes:
+        homing: under way, None without one
+        reported: state, whether homed and whether busy, as the journal has them
+    """
+
+    def __init__(self, name: str, forces: ForceControl, clock: ArmWorld) -> None:
+        self._journal, self._source, self._prefix = clock.journal, name, ""
+        self._forces, self._clock = forces, clock
+        self.homing: Homing | None = None
+        self.reported: tuple[State, bool, bool] | None = None
+
+    def fit(self, control: JointControl, poses: dict[str, Array]) -> None:
+        """Set the joints of the mounted tool, and the arm's named poses {name: q (n,)}."""
+        self._control, self._poses, self._states = control, poses, control.states
+        self._own = slice(0, control.motors.arm.own_joints)
+
+    # ------------------------------------------------------------------ verbs
+
+    @command
+    def state_command(self, name: str) -> bool:
+        """Execute "enable", "disable", "home", "unhome", "pause" or "resume".
+
+        As on the hardware, "home" lets an arm that is on and home already stay as it is.
+
+        Returns:
+            whether it was accepted
+        """
+        if name not in STATE_COMMANDS:
+            why = f"got {name!r}; allowed: {', '.join(STATE_COMMANDS)}"
+            self._control.rejections.reject("state_command", "name", why)
+            return False
+        if name == "home":
+            motion = self.home(anew=False)
+            return not motion.done or motion.goal_reached
+        return bool(getattr(self, name)())
+
+    @command
+    def enable(self) -> bool:
+        """Switch the motors on, from DISABLED or FAULT; the arm holds its position."""
+        motors = self._control.motors
+        if not self._states.powered:
+            self._states.state = "ENABLED"
+            self._settle()
+            motors.switch(True)
+            motors.follow()
+            self.report()
+        return True
+
+    @command
+    def disable(self) -> bool:
+        """End everything and switch the motors off; the arm is held in its position."""
+        self._switch_off()
+        self._states.state = "DISABLED"
+        self.report()
+        return True
+
+    @command
+    def pause(self) -> bool:
+        """End moves and hold; no command moves the arm until `resume`."""
+        if not self._may("pause"):
+            return False
+        self.stop()
+        self._states.state = "PAUSED"
+        self.report()
+        return True
+
+    @command
+    def resume(self) -> bool:
+        """Accept commands again after `pause`."""
+        if not self._may("resume"):
+            return False
+        self._states.state = "ENABLED"
+        self.report()
+        return True
+
+    @command
+    def home(self, anew: bool = True) -> Motion:
+        """Bring the arm to its home pose, with power if it has none; the jaw stays.
+
+        The motion is over when the joints are measured there; if they are not within two seconds,
+        the arm is in FAULT.
+
+        Args:
+            anew: whether an arm that is on and home already goes there once more. On the hardware
+                it stays as it is, moving or not. Source: SAW, mtsIntuitiveResearchKitArm: the
+                state that is desired, HOMED, is the current one
+        """
+        control, motors = self._control, self._control.motors
+        own = motors.position[self._own]
+        if not self._may("home"):
+            return control.rejected(self._own)
+        if self._states.homed and self._states.powered and not anew:
+            self.report()
+            return self._over(own)
+        self._states.homed = False
+        self.enable()
+        self.stop()
+        goal = self._poses["home"][self._own] if "home" in self._poses else own
+        motion = Motion(goal.copy(), self._clock.wait)
+        moves = "home" in self._poses and not motors.welded and not motors.brakes
+        way = control.moves.begin(goal, [self._own], self._clock.time) if moves else self._over(own)
+        self.homing = Homing(motion, way, self._slides())
+        self.report()
+        return motion
+
+    @command
+    def unhome(self) -> bool:
+        """Forget that the arm was homed; it holds its position."""
+        if self._states.state == "ENABLED":
+            self.stop()
+        self._states.homed = False
+        self.report()
+        return True
+
+    # ------------------------------------------------------------------ used by the arm
+
+    @property
+    def busy(self) -> bool:
+        """Whether a move is under way; homing is one."""
+        return bool(self._control.moves.legs) or self.homing is not None
+
+    def operating_state(self) -> OperatingState:
+        """Return the state as CRTK has it."""
+        return OperatingState(self._states.state, self._states.homed, self.busy, self._clock.time)
+
+    def report(self) -> None:
+        """Enter the operating state into the journal, when it changed."""
+        states = self._states
+        now = states.state, states.homed, bool(self._control.moves.legs) or self.homing is not None
+        if now != self.reported:
+            self.reported = now
+            self._control.report("operating_state", state=now[0], is_homed=now[1], is_busy=now[2])
+
+    def fault(self, reason: str) -> None:
+        """Switch the motors off after a fault."""
+        self._switch_off()
+        self._states.state = "FAULT"
+        log.error("%s: FAULT: %s", self._source, reason)
+        self._control.rejections.last = f"FAULT: {reason}"
+        self._control.report("error", text=reason)
+        self.report()
+
+    def stop(self, part: slice | None = None) -> None:
+        """End what some joints (all when omitted) do; they stay at the set-points.
+
+        Joints that were under effort control stay where they are measured.
+        """
+        control = self._control
+        part = slice(0, len(control.joint_names)) if part is None else part
+        self.abandon_homing()
+        self._forces.end()
+        control.under_position(part)
+        control.moves.end(part)
+        control.motors.velocity[part] = 0.0
+        control.motors.follow()
+        count: int = part.stop - part.start
+        control.exert(np.zeros(count), part, "hold")
+        self.report()
+
+    def abandon_homing(self) -> None:
+        """End a homing under way, its goal not reached."""
+        homing, self.homing = self.homing, None
+        if homing is not None:
+            homing.motion.finish(False)
+            self._control.report("goal_reached", reached=False)
+
+    def watch(self) -> None:
+        """Look whether a homing under way has ended, and how."""
+        homing = self.homing
+        if homing is None:
+            return
+        measured = self._control.motors.positions()[self._own]
+        outcome = homing.look(measured, self._clock.time)
+        if outcome == "home":
+            self.homing = None
+            self._states.homed = True
+            homing.motion.finish(True)
+        elif outcome == "stopped":
+            self.abandon_homing()
+        elif outcome == "late":
+            names = np.array(self._control.joint_names[self._own])[homing.far(measured)]
+            self.fault(f"homing: {', '.join(names)} did not arrive")
+
+    def save(self) -> HomingState | None:
+        """Return copies of a homing under way, None without one."""
+        if self.homing is None:
+            return None
+        way = self.homing.way
+        return self.homing.motion.goal.copy(), way.goal.copy(), way.done, way.goal_reached
+
+    def load(self, saved: HomingState | None, motions: list[Motion]) -> None:
+        """Restore what `save` returned.
+
+        Args:
+            saved: as returned
+            motions: handles of the moves under way, of which a homing's is the first
+        """
+        if saved is not None:
+            goal, way_goal, done, reached = saved
+            way = motions[0] if motions and not done else self._over(way_goal, reached)
+            motion = Motion(goal.copy(), self._clock.wait)
+            self.homing = Homing(motion, way, self._slides())
+
+    # ------------------------------------------------------------------ inside
+
+    def _slides(self) -> NDArray[np.bool_]:
+        return np.array([j.kind == "prismatic" for j in self._control.motors.arm.joints[self._own]])
+
+    def _may(self, verb: str) -> bool:
+        why = self._states.why_not(verb)
+        if why:
+            self._control.rejections.reject(verb, "state", why)
+        return not why
+
+    def _over(self, q: Array, reached: bool = True) -> Motion:
+        """Return the handle of a move that is over."""
+        motion = Motion(q.copy(), self._clock.wait)
+        motion.finish(reached)
+        return motion
+
+    def _settle(self) -> None:
+        """Put the set-points where the joints are measured."""
+        motors = self._control.motors
+        if not motors.welded:
+            self._control.stay(list(range(len(self._control.joint_names))))
+            motors.effort[:] = 0.0
+
+    def _switch_off(self) -> None:
+        if not self._states.powered:
+            return
+        control = self._control
+        self.abandon_homing()
+        self._forces.end()
+        control.under_position(slice(0, len(control.joint_names)))
+        self._settle()
+        control.motors.switch(False)
+        control.motors.follow()

@@ -173,7 +173,7 @@ class Operator:
 
     def _look(self) -> None:
         arm = self._component.description.slave
-        tip = self._world.reference_pose(arm) @ self._world.arm(arm).local.measured_cp().T
+        tip = self._world.reference_pose(arm) @ self._world.arm(arm).local.measured_cp().matrix
         self.tips.append(tip[:3, 3])
         self._seen.popleft()
         self._seen.append(tip[:3, 3] - self._course.core.nearest(tip[:3, 3]))

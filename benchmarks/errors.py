@@ -40,6 +40,6 @@ def tip_error(name: str, seeds: int, poses: int) -> float:
         for _ in range(poses):
             arm.move_jp(np.array(MIDDLE) + np.array(RANGE) * rng.uniform(-1.0, 1.0, 6)).wait()
             world.step(round(SETTLE_S / world.timestep))
-            apart = arm.measured_cp().T[:3, 3] - world.true_state(ARM).cp.T[:3, 3]
+            apart = arm.measured_cp().matrix[:3, 3] - world.true_state(ARM).cp.matrix[:3, 3]
             squares.append(float(apart @ apart))
     return float(np.sqrt(np.mean(squares)))

@@ -154,6 +154,7 @@ def held(
 ) -> list[Figure]:
     """Track needles in jaws with `seeds` seeds from `first` on."""
     from benchmarks import needle_tracking
+    from benchmarks.needle_stage import Style
 
-    chosen = {style: None for style in needle_tracking.STYLES if not {style}.isdisjoint(styles)}
+    chosen: list[Style] = [style for style in needle_tracking.STYLES if {style} & {*styles}]
     return needle_tracking.held(range(first, first + seeds), chosen, presets, watch)

@@ -130,7 +130,7 @@ class Grip:
 
     def jaw(self) -> Array:
         """Return the pose of the jaw in the world."""
-        return self.world.reference_pose("PSM1") @ self.arm.local.measured_cp().T
+        return self.world.reference_pose("PSM1") @ self.arm.local.measured_cp().matrix
 
     def needle_in_finger(self) -> Array:
         """Return the needle's pose in the left finger, (4, 4)."""

@@ -156,7 +156,7 @@ def _off_depths(world: World) -> list[float]:
     """Return the relative error of each depth; a box rests on its four corners."""
     found: list[float] = []
     for k, (mass, stiffness) in enumerate(PADS):
-        depth = 0.03 - world.object(f"punch{k}").measured_cp().T[2, 3]
+        depth = 0.03 - world.object(f"punch{k}").measured_cp().matrix[2, 3]
         found.append(abs(depth / (1e-3 * mass * STANDARD_GRAVITY / (4.0 * stiffness)) - 1.0))
     return found
 
@@ -166,7 +166,7 @@ def _off_bands(world: World) -> list[float]:
     found: list[float] = []
     for k, (mass, stiffness) in enumerate(BANDS):
         weight = 1e-3 * mass * STANDARD_GRAVITY
-        extension = 1.0 - REST_M - float(world.object(f"load{k}").measured_cp().T[2, 3])
+        extension = 1.0 - REST_M - float(world.object(f"load{k}").measured_cp().matrix[2, 3])
         reading: Mapping[str, float] = vars(world.sensor(f"tension{k}"))
         found += [abs(stiffness * extension / weight - 1.0), abs(reading["tension"] / weight - 1.0)]
     return found

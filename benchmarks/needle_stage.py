@@ -117,7 +117,7 @@ class Stage:
 
     def tip(self, arm: str = "PSM1") -> Array:
         """Return the pose of a tool's tip in the world, (4, 4)."""
-        return self.world.arms[arm].measured_cp("world").T
+        return self.world.arms[arm].measured_cp("world").matrix
 
     def shot(
         self,

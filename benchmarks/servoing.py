@@ -47,7 +47,7 @@ def run(start_px: tuple[float, float], speed: float, seconds: float, seed: int =
     assert isinstance(eyes, StereoCalibration)  # noqa: S101  of the rig "ecm"
     base = world.reference_pose("ECM")
     T_world_camera = world.camera(camera.name).T_world_camera
-    mount = inverse(base @ arm.forward_kinematics(np.array(START)).T) @ T_world_camera
+    mount = inverse(base @ arm.forward_kinematics(np.array(START)).matrix) @ T_world_camera
     servo = VisualServo(arm.description, eyes, mount @ eyes.mounts[0], ServoSettings(0.1))
     f = eyes.left.K[0, 0]
     first = (T_world_camera @ np.array([*(0.1 / f * np.array(start_px)), 0.1, 1.0]))[:3]

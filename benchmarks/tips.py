@@ -76,7 +76,7 @@ def one_robot(world: World, scope: Endoscope, seed: int) -> list[tuple[Array, Ar
     rng = np.random.default_rng(seed)
     world.reset(0)
     arm = world.arms["PSM1"]
-    q, start = arm.joints.positions(), arm.measured_cp("world").T
+    q, start = arm.joints.positions(), arm.measured_cp("world").matrix
     camera = world.camera("endoscope").T_world_camera
     error: Array | None = None
     rows: list[tuple[Array, Array, Array, Array]] = []
@@ -91,7 +91,7 @@ def one_robot(world: World, scope: Endoscope, seed: int) -> list[tuple[Array, Ar
         eyes, right = frame.calibration, frame.right
         assert isinstance(eyes, StereoCalibration) and right is not None  # noqa: S101
         to_left = inverse(frame.T_world_camera[0])
-        truth = (to_left @ arm.measured_cp("world").T @ [0.0, 0.0, AHEAD_M, 1.0])[:3]
+        truth = (to_left @ arm.measured_cp("world").matrix @ [0.0, 0.0, AHEAD_M, 1.0])[:3]
         if error is None:  # constant, as that of a hand-eye calibration
             error = small_error(rng, truth, SHIFT_M, TURN_DEG)
         believed = error @ np.append(truth, 1.0)

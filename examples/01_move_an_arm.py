@@ -33,7 +33,7 @@ def main() -> None:
         )
 
     tip = arm.measured_cp()
-    x, y, z = 1e3 * tip.T[:3, 3]
+    x, y, z = 1e3 * tip.matrix[:3, 3]
     print(f"tip at ({x:.2f}, {y:.2f}, {z:.2f}) mm in {tip.frame_id}")
 
     arm.jaw.open().wait(timeout_s=5.0)

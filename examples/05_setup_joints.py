@@ -23,7 +23,7 @@ def main() -> None:
         return (
             world.remote_centres()["PSM1"],
             psm.measured_js().position,
-            psm.measured_cp().T[:3, 3],
+            psm.measured_cp().matrix[:3, 3],
         )
 
     before = look()

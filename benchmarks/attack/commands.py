@@ -250,7 +250,7 @@ def pose(rng: Rng, _: World, owner: Any, count: int) -> Any:  # noqa: ARG001
     if np.shape(R) == (3, 3):
         T[:3, :3] = R
     if isinstance(owner, Arm) and rng.random() < 0.6:
-        T = owner.setpoint_cp().T.copy()
+        T = owner.setpoint_cp().matrix.copy()
         T[:3, 3] += 0.02 * rng.standard_normal(3)
         return T
     T[:3, 3] = [number(rng) for _ in range(3)]

@@ -50,7 +50,7 @@ def main() -> None:
     world = switch_on()
     arm, curves = world.arm("PSM1"), move(world)
     print(f"  half a second later {1e3 * (curves['measured'][-1] - GOAL[0]):.3f} mrad")
-    x, y, z = 1e3 * arm.measured_cp().T[:3, 3]
+    x, y, z = 1e3 * arm.measured_cp().matrix[:3, 3]
     print(f"the tip: ({x:.2f}, {y:.2f}, {z:.2f}) mm")
     arm.disable()
     print(f"switched off: goal reached {arm.move_jp(GOAL).goal_reached}, {arm.rejections.last}")

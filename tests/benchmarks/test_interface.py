@@ -114,8 +114,8 @@ def test_a_transport_that_is_none_is_refused() -> None:
 def test_the_rig_has_six_arms_to_listen_to_and_twenty_objects_at_rest(tmp_path) -> None:
     world = World(busy_rig(str(tmp_path)))
     assert {"PSM1", "PSM2", "PSM3", "ECM", "MTML", "MTMR"} <= set(world.arms)
-    before = [world.object(name).measured_cp().T[:3, 3] for name in world.objects]
+    before = [world.object(name).measured_cp().matrix[:3, 3] for name in world.objects]
     world.step(300)
-    after = [world.object(name).measured_cp().T[:3, 3] for name in world.objects]
+    after = [world.object(name).measured_cp().matrix[:3, 3] for name in world.objects]
     assert len(before) == 20
     np.testing.assert_allclose(after, before, atol=1e-4)

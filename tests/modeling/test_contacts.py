@@ -101,7 +101,7 @@ def test_a_tool_that_is_driven_into_the_table_rests_on_it(tmp_path: Path):
         world = World(low, collisions=collisions)
         world.arm("PSM1").move_jp([0, 0, 0.24, 0, 0, 0]).wait(5.0)
         world.step(500)
-        depths[collisions] = world.arm("PSM1").local.measured_cp().T[2, 3]
+        depths[collisions] = world.arm("PSM1").local.measured_cp().matrix[2, 3]
         if collisions:
             assert touching(world) >= {("PSM1/finger_left", "table")}
     assert depths[False] == pytest.approx(-0.2335, abs=5e-4)

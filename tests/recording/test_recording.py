@@ -166,7 +166,7 @@ def test_poses_are_in_the_frames_of_a_loaded_state(tmp_path: Path) -> None:
     place = last.pose.position
     assert last.header.frame_id == expected.frame_id == "table"
     # MuJoCo's frames against the analytic ones, through a loop that gives a little
-    np.testing.assert_allclose([place.x, place.y, place.z], expected.T[:3, 3], atol=1e-5)
+    np.testing.assert_allclose([place.x, place.y, place.z], expected.matrix[:3, 3], atol=1e-5)
 
 
 def test_recording_changes_nothing(tmp_path: Path) -> None:

@@ -163,7 +163,7 @@ def test_a_base_frame_is_taken_with_its_name():
     from tests.ros.asking import pose, xyz
 
     served = Served(wanted=["PSM1/measured_cp"])
-    before = served.world.arm("PSM1").measured_cp().T
+    before = served.world.arm("PSM1").measured_cp().matrix
     assert served.core.receive(
         "PSM1/set_base_frame", pose(xyz(1.0, 2.0, 3.0), quaternion(), "table")
     )

@@ -38,7 +38,7 @@ def test_a_move_of_no_length_is_busy_and_then_not(verb: str) -> None:
     assert arm.jaw is not None
     here = {
         "move_jp": {"q": arm.setpoint_js().position},
-        "move_cp": {"T": arm.setpoint_cp().T},
+        "move_cp": {"T": arm.setpoint_cp().matrix},
         "jaw.move_jp": {"q": arm.jaw.setpoint_js().position},
     }
     served.loop.post(Command("PSM1", verb, here[verb]))
@@ -112,7 +112,7 @@ def test_another_tool_is_told_and_its_poses_are_published() -> None:
     served.run(0.05)
     assert served.core.latched("PSM1/tool_type") == {"data": "PROGRASP_FORCEPS:420093"}
     p = served.last("PSM1/measured_cp")["pose"]["position"]
-    expected = served.world.arm("PSM1").measured_cp().T[:3, 3]
+    expected = served.world.arm("PSM1").measured_cp().matrix[:3, 3]
     np.testing.assert_allclose([p["x"], p["y"], p["z"]], expected, atol=1e-6)
     served.loop.post(Command("PSM1", "set_tool_type", {"name": "none"}))
     served.run(0.02)

@@ -90,14 +90,14 @@ def test_every_message_of_a_scene_can_be_written(tmp_path: Path) -> None:
 
 def test_objects_are_told_where_the_world_has_them() -> None:
     served = Served("pegs")
-    aloft = served.world.object("ring1").measured_cp().T.copy()
+    aloft = served.world.object("ring1").measured_cp().matrix.copy()
     aloft[2, 3] += 0.1
     served.world.object("ring1").set_cp(aloft)
     served.run(0.05)
     told, speed = (served.last(f"scene/ring1/measured_{what}") for what in ("cp", "cv"))
     assert told["header"] == speed["header"] and told["header"]["frame_id"] == "world"
     assert told["header"]["stamp"] == served.last("PSM1/measured_js")["header"]["stamp"]
-    at = served.world.object("ring1").measured_cp().T
+    at = served.world.object("ring1").measured_cp().matrix
     assert np.allclose(point(told["pose"]["position"]), at[:3, 3], atol=2e-3)
     fall = -9.81 * served.world.time
     assert np.allclose(point(speed["twist"]["linear"]), [0.0, 0.0, fall], atol=0.02)
@@ -128,7 +128,7 @@ def test_an_object_is_put_where_a_message_says() -> None:
     served = Served("pegs")
     assert served.core.receive("scene/ring2/set_cp", pose_message((0.07, 0.08, 0.3), "world"))
     served.run(0.001)
-    at = served.world.object("ring2").measured_cp().T
+    at = served.world.object("ring2").measured_cp().matrix
     assert np.allclose(at[:3, 3], [0.07, 0.08, 0.3], atol=1e-4)  # it falls since
     assert np.allclose(at[:2, 0], [0.28, 0.96], atol=1e-12)
 
@@ -144,11 +144,11 @@ def test_an_object_is_put_where_a_message_says() -> None:
 )
 def test_a_pose_that_is_none_is_refused_with_a_warning(message: dict, problem: str) -> None:
     served = Served("pegs")
-    before = served.world.object("ring1").measured_cp().T
+    before = served.world.object("ring1").measured_cp().matrix
     served.core.receive("scene/ring1/set_cp", message)
     served.run(0.006)
     assert np.allclose(
-        served.world.object("ring1").measured_cp().T, before, atol=2e-5
+        served.world.object("ring1").measured_cp().matrix, before, atol=2e-5
     )  # it settles
     assert any(problem in m["data"] for m in served.messages("system/warning"))
 
@@ -235,7 +235,9 @@ def test_a_reset_puts_everything_back_and_turns_no_clock_back() -> None:
     served.core.receive("scene/reset", {})
     served.run(0.01)
     start = next(p for p in served.world.rig.objects if p.name == "ring1").pose
-    assert np.allclose(served.world.object("ring1").measured_cp().T, start, atol=2e-5)  # it settles
+    assert np.allclose(
+        served.world.object("ring1").measured_cp().matrix, start, atol=2e-5
+    )  # it settles
     assert served.world.time < 0.02
     assert stamp_ns(served.last("scene/ring1/measured_cp")) > stamp
 

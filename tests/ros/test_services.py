@@ -23,7 +23,7 @@ def test_the_pose_of_all_joints_is_the_tips(served):
     arm = served.world.arm("PSM1")
     answer = served.core.call("PSM1/forward_kinematics", {"jp": Q})
     assert answer["result"]
-    np.testing.assert_allclose(pose(answer, "cp"), arm.forward_kinematics(Q).T, atol=1e-12)
+    np.testing.assert_allclose(pose(answer, "cp"), arm.forward_kinematics(Q).matrix, atol=1e-12)
     base = arm.local.base_frame()[0]
     assert np.abs(base - np.eye(4)).max() > 0.01  # else local and not would be the same
     local = served.core.call("PSM1/local/forward_kinematics", {"jp": np.array(Q)})

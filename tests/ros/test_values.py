@@ -149,14 +149,18 @@ def test_the_base_frame_of_a_rig_is_that_of_messages_and_verbs(tmp_path: Path) -
     message, arm = served.last("PSM1/measured_cp"), served.world.arm("PSM1")
     assert message["header"]["frame_id"] == arm.measured_cp().frame_id == "table"
     close(pose_of(message), T @ pose_of(served.last("PSM1/local/measured_cp")))
-    close(arm.measured_cp().T, T @ arm.local.measured_cp().T)
+    close(arm.measured_cp().matrix, T @ arm.local.measured_cp().matrix)
     assert served.last("PSM2/measured_cp")["header"]["frame_id"] == "ECM"
 
 
 def test_poses_of_a_calibrated_robot_are_its_own(skew_overlay, rng) -> None:
     served = Served("psm", world={"calibration": skew_overlay("psm", rng)}, rate_hz=1000.0)
     served.run(0.01)
-    close(pose_of(served.last("PSM1/measured_cp")), served.world.arm("PSM1").measured_cp().T, 1e-9)
+    close(
+        pose_of(served.last("PSM1/measured_cp")),
+        served.world.arm("PSM1").measured_cp().matrix,
+        1e-9,
+    )
 
 
 def frames_of(served: Served) -> list[dict]:
@@ -194,5 +198,5 @@ def test_poses_along_tf_are_those_in_the_world() -> None:
         while frame != "world":
             frame, step = links[frame]
             T = step @ T
-        expected = served.world.reference_pose(name) @ arm.local.measured_cp().T
+        expected = served.world.reference_pose(name) @ arm.local.measured_cp().matrix
         close(T, expected, 1e-6)  # of the tick before

@@ -180,7 +180,7 @@ def test_a_pose_that_is_read_can_be_sent_back(served):
     arm = served.world.arm("PSM1")
     served.core.receive("PSM1/servo_jp", joints(*HOME))
     served.run(0.2)
-    there = {"header": build.header((0, 0)), "pose": build.pose(arm.setpoint_cp().T)}
+    there = {"header": build.header((0, 0)), "pose": build.pose(arm.setpoint_cp().matrix)}
     served.core.receive("PSM1/servo_cp", there)
     served.run()
     np.testing.assert_allclose(arm.setpoint_js().position, HOME, atol=1e-9)

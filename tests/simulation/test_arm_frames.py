@@ -27,26 +27,26 @@ def frame_in_world(world: World, frame: str) -> np.ndarray:
     if frame == "camera":
         return next(c for c in world.cameras().values() if c.arm == "ECM").T_world_camera
     arm = world.arm(frame)
-    return world.reference_pose(frame) @ arm.local.measured_cp().T
+    return world.reference_pose(frame) @ arm.local.measured_cp().matrix
 
 
 @pytest.mark.parametrize("frame", FRAMES[:-1])
 def test_a_pose_in_a_named_frame_is_the_one_in_the_world_seen_from_there(world, frame):
     arm = world.arm("PSM1")
-    T = world.reference_pose("PSM1") @ arm.local.measured_cp().T
+    T = world.reference_pose("PSM1") @ arm.local.measured_cp().matrix
     expected = inverse(frame_in_world(world, frame)) @ T
     assert arm.measured_cp(frame).frame_id == frame
-    np.testing.assert_allclose(arm.measured_cp(frame).T, expected, atol=1e-12)
+    np.testing.assert_allclose(arm.measured_cp(frame).matrix, expected, atol=1e-12)
     world.step(100)
-    goal = world.reference_pose("PSM1") @ arm.local.setpoint_cp().T
+    goal = world.reference_pose("PSM1") @ arm.local.setpoint_cp().matrix
     expected = inverse(frame_in_world(world, frame)) @ goal
-    np.testing.assert_allclose(arm.setpoint_cp(frame).T, expected, atol=1e-12)
+    np.testing.assert_allclose(arm.setpoint_cp(frame).matrix, expected, atol=1e-12)
 
 
 def test_the_frame_of_the_ecm_is_that_of_the_dvrk_s_poses(world):
     arm = world.arm("PSM1")
     assert arm.measured_cp().frame_id == "ECM"
-    np.testing.assert_allclose(arm.measured_cp("ECM").T, arm.measured_cp().T, atol=1e-12)
+    np.testing.assert_allclose(arm.measured_cp("ECM").matrix, arm.measured_cp().matrix, atol=1e-12)
 
 
 @pytest.mark.parametrize("frame", FRAMES)
@@ -56,19 +56,19 @@ def test_a_commanded_pose_is_measured_in_its_frame_when_the_arm_has_settled(worl
         world.arm(name).joints.set_mode("set")
     world.step(1)
     arm = world.arm("PSM1")
-    goal = arm.setpoint_cp(frame).T.copy()
+    goal = arm.setpoint_cp(frame).matrix.copy()
     goal[:3, 3] += [0.003, -0.002, 0.001]
     assert getattr(arm, verb)(goal, frame=frame)
     world.step(5 if verb == "servo_cp" else 1500)
-    np.testing.assert_allclose(arm.setpoint_cp(frame).T, goal, atol=SETTLED)
-    np.testing.assert_allclose(arm.measured_cp(frame).T, goal, atol=SETTLED)
+    np.testing.assert_allclose(arm.setpoint_cp(frame).matrix, goal, atol=SETTLED)
+    np.testing.assert_allclose(arm.measured_cp(frame).matrix, goal, atol=SETTLED)
 
 
 def test_a_frame_that_was_set_for_the_arm_changes_no_named_frame(world):
     arm = world.arm("PSM1")
-    before = arm.measured_cp("world").T
+    before = arm.measured_cp("world").matrix
     arm.local.set_base_frame(np.eye(4), "table")
-    np.testing.assert_array_equal(arm.measured_cp("world").T, before)
+    np.testing.assert_array_equal(arm.measured_cp("world").matrix, before)
 
 
 def test_an_unknown_frame_is_named_with_the_known_ones(world):
@@ -85,10 +85,10 @@ def test_a_command_is_repeated_in_its_frame(world):
     entries: list[Entry] = []
     world.listen(entries.append)
     arm = world.arm("PSM1")
-    goal = arm.setpoint_cp("camera").T.copy()
+    goal = arm.setpoint_cp("camera").matrix.copy()
     goal[0, 3] += 0.002
     arm.servo_cp(goal, frame="camera")
-    arm.servo_cp(arm.setpoint_cp().T)
+    arm.servo_cp(arm.setpoint_cp().matrix)
     commands = [e for e in entries if e.kind == "command"]
     assert [set(e.values) for e in commands] == [{"T", "frame"}, {"T"}]
     twin = World("full_cart", collisions=False)

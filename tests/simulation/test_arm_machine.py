@@ -130,14 +130,14 @@ class ArmMachine(RuleBasedStateMachine):
     @rule(turn=turns)
     def servo_ci(self, turn: np.ndarray) -> None:
         gains = HalfPlaneGains(p=np.full(3, -50.0), d=np.full(3, -5.0))
-        place = self.arm.measured_cp().T[:3, 3] + 0.02 * turn[:3]
+        place = self.arm.measured_cp().matrix[:3, 3] + 0.02 * turn[:3]
         spring = CartesianImpedance(place, position_positive=gains, position_negative=gains)
         shared = self.shared
         self.commanded(self.arm.forces.servo_ci(spring), shared=shared)
 
     @rule(turn=turns, verb=st.sampled_from(["servo_cp", "move_cp"]))
     def tip(self, turn: np.ndarray, verb: str) -> None:
-        goal = self.arm.setpoint_cp().T
+        goal = self.arm.setpoint_cp().matrix
         goal[:3, 3] += 0.02 * turn[:3]
         found = getattr(self.arm, verb)(goal)
         if isinstance(found, Motion):

@@ -48,8 +48,8 @@ def test_every_world_of_a_batch_moves_as_a_world_does_to_the_last_bit(rig):
     np.testing.assert_allclose([found.q[1], found.qd[1], found.effort[1]], measured, atol=1e-12)
     assert np.abs(found.q[0] - found.q[2]).max() > 1e-3
     for name, tips in found.tips.items():
-        np.testing.assert_allclose(tips[1], world.arm(name).measured_cp().T, atol=1e-12)
-        local = world.arm(name).local.measured_cp().T
+        np.testing.assert_allclose(tips[1], world.arm(name).measured_cp().matrix, atol=1e-12)
+        local = world.arm(name).local.measured_cp().matrix
         np.testing.assert_allclose(found.local_tips[name][1], local, atol=1e-12)
 
 

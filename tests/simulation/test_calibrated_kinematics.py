@@ -59,7 +59,7 @@ def test_servo_cp_brings_the_joints_of_a_skew_arm_to_the_pose(seed, skew_overlay
     kinematics = chain_pose(arm.description.mechanism)
     for q in inner_positions(world, rng, 30):
         world.set_state("PSM1", np.append(q, 0.2))
-        T = arm.measured_cp().T
+        T = arm.measured_cp().matrix
         assert arm.servo_cp(T)
         setpoint = arm.setpoint_js().position
         assert np.abs(setpoint - q).max() < 1e-8
@@ -75,7 +75,7 @@ def test_the_inverse_of_a_skew_arm_is_the_solution_nearest_to_the_seed(skew_over
     arm = world.arm("PSM1")
     for q in inner_positions(world, rng, 20):
         q[3] = rng.uniform(-np.pi, np.pi)
-        T = arm.forward_kinematics(q).T
+        T = arm.forward_kinematics(q).matrix
         for turn in (-2.0 * np.pi, 0.0, 2.0 * np.pi):
             seed = q.copy()
             seed[3] += turn
@@ -96,7 +96,7 @@ def reaches_its_limit(arm: Arm, joint: int, side: str) -> None:
     q[joint] = limit
     if joint == 2 and side == "lower":
         q[joint] = limit + 0.05  # the wrist would be at the remote centre
-    found = arm.inverse_kinematics(arm.forward_kinematics(q).T, q)
+    found = arm.inverse_kinematics(arm.forward_kinematics(q).matrix, q)
     assert found == pytest.approx(q, abs=1e-8)
     assert (found >= arm.joints.lower[:6]).all()
     assert (found <= arm.joints.upper[:6]).all()
@@ -105,11 +105,11 @@ def reaches_its_limit(arm: Arm, joint: int, side: str) -> None:
     beyond = 1e-4 if side == "upper" else -1e-4
     q[joint] += beyond
     if arm.joints.names[joint] == "roll":  # more than a turn: it comes back by one
-        found = arm.inverse_kinematics(arm.forward_kinematics(q).T, q)
+        found = arm.inverse_kinematics(arm.forward_kinematics(q).matrix, q)
         assert found[joint] == pytest.approx(q[joint] - np.copysign(2.0 * np.pi, beyond), abs=1e-8)
         return
     with pytest.raises(UnreachableError, match=arm.joints.names[joint]):
-        arm.inverse_kinematics(arm.forward_kinematics(q).T, q)
+        arm.inverse_kinematics(arm.forward_kinematics(q).matrix, q)
 
 
 def test_poses_and_jacobians_of_a_skew_arm_in_motion_are_those_of_its_joints(skew_overlay):
@@ -120,11 +120,11 @@ def test_poses_and_jacobians_of_a_skew_arm_in_motion_are_those_of_its_joints(ske
     for _ in range(5):
         world.step(100)
         q, qd, _ = arm.joints.readings()
-        assert np.abs(arm.local.measured_cp().T - chain_pose(mechanism)(q)).max() < 1e-12
+        assert np.abs(arm.local.measured_cp().matrix - chain_pose(mechanism)(q)).max() < 1e-12
         setpoint = chain_pose(mechanism)(
             np.append(arm.setpoint_js().position, 0.0)
         )  # whatever the jaw
-        assert np.abs(arm.local.setpoint_cp().T - setpoint).max() < 1e-12
+        assert np.abs(arm.local.setpoint_cp().matrix - setpoint).max() < 1e-12
         body = jacobian_body(mechanism, q)
         assert np.abs(arm.body.jacobian() - body[:, :6]).max() < 1e-10
         assert np.abs(arm.spatial.jacobian() - jacobian_spatial(mechanism, q)[:, :6]).max() < 1e-10
@@ -138,7 +138,7 @@ def test_a_skew_arm_put_far_beyond_a_limit_has_the_pose_of_its_joints(skew_overl
     q = np.array([0.1, arm.joints.upper[1] + 0.1, 0.15, 0.1, 0.1, 0.1, 0.0])
     world.set_state("PSM1", q)
     mechanism = arm.description.mechanism
-    assert np.abs(arm.local.measured_cp().T - chain_pose(mechanism)(q)).max() < 1e-9
+    assert np.abs(arm.local.measured_cp().matrix - chain_pose(mechanism)(q)).max() < 1e-9
     assert np.abs(arm.body.jacobian() - jacobian_body(mechanism, q)[:, :6]).max() < 1e-9
 
 
@@ -155,7 +155,7 @@ def test_poses_in_the_frame_of_a_skew_scope_are_those_of_its_joints(skew_overlay
 def test_verbs_of_a_calibrated_arm_are_quick_enough_for_a_servo_loop(skew_overlay):
     world = skew_world(skew_overlay, 0)
     arm = world.arm("PSM1")
-    T = arm.forward_kinematics([0.1, 0.2, 0.13, 0.1, 0.1, 0.1]).T
+    T = arm.forward_kinematics([0.1, 0.2, 0.13, 0.1, 0.1, 0.1]).matrix
     step = step_time()
     assert cpu_time(lambda: arm.servo_cp(T)) < SERVO_STEPS * step
     assert cpu_time(arm.measured_cp) < POSE_STEPS * step
@@ -169,7 +169,7 @@ def test_a_skew_scope_takes_the_poses_it_can_and_no_other(seed, skew_overlay, rn
     lower, upper = scope.joints.lower.copy(), scope.joints.upper
     lower[2] = 0.05
     for q in lower + rng.uniform(size=(20, 4)) * (upper - lower):
-        T = scope.forward_kinematics(q).T
+        T = scope.forward_kinematics(q).matrix
         near = np.clip(q + 0.02 * rng.standard_normal(4), scope.joints.lower, upper)
         assert scope.inverse_kinematics(T, near) == pytest.approx(q, abs=1e-8)
         T = T.copy()
@@ -183,5 +183,5 @@ def test_servo_cp_of_a_scope_is_quick_enough_for_a_servo_loop(calibrated, skew_o
     overlay = skew_overlay("ecm", np.random.default_rng(0)) if calibrated else None
     world = World("ecm", calibration=overlay)
     scope = world.arm("ECM")
-    T = scope.forward_kinematics([0.1, 0.2, 0.13, 0.1]).T
+    T = scope.forward_kinematics([0.1, 0.2, 0.13, 0.1]).matrix
     assert cpu_time(lambda: scope.servo_cp(T)) < (60.0 if calibrated else 8.0) * step_time()

@@ -101,7 +101,7 @@ def test_measured_poses_are_those_of_the_calibrated_kinematics(skew_overlay, rng
     world.set_state("PSM1", np.array([0.4, 0.5, 0.1, 0.3, 0.2, 0.1, 0.3]))
     body = world.snapshot()
     index = arm.runtime.motors.index.bodies["wrist_yaw"]
-    expected = world.reference_pose("PSM1") @ arm.local.measured_cp().T
+    expected = world.reference_pose("PSM1") @ arm.local.measured_cp().matrix
     assert np.abs(body.positions[index] - expected[:3, 3]).max() < 1e-9
 
 

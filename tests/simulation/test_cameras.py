@@ -24,7 +24,7 @@ def cart() -> World:
 
 def scope_tip(world: World) -> np.ndarray:
     """The end of the scope in the world, by the kinematics, which know nothing of the model."""
-    return world.reference_pose("ECM") @ world.arm("ECM").local.measured_cp().T
+    return world.reference_pose("ECM") @ world.arm("ECM").local.measured_cp().matrix
 
 
 def test_a_world_has_the_cameras_of_its_rig(cart: World) -> None:
@@ -65,7 +65,7 @@ def test_the_tips_at_work_are_in_the_picture_of_either_eye(cart: World) -> None:
     seen: dict[str, list[float]] = {}
     for T_world_eye, eye in zip(scope.T_world_eyes, scope.calibration.eyes, strict=True):
         for name in ("PSM1", "PSM2"):
-            tip = cart.reference_pose(name) @ cart.arm(name).local.measured_cp().T
+            tip = cart.reference_pose(name) @ cart.arm(name).local.measured_cp().matrix
             u, v = project(transform_points(inverse(T_world_eye), tip[:3, 3]), eye.K)
             assert 0.0 < u < eye.width and 0.0 < v < eye.height
             seen.setdefault(name, []).append(float(u))

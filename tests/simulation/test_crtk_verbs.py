@@ -60,7 +60,7 @@ def test_move_jr_of_a_resting_arm_adds_to_its_set_point(arm):
     [
         lambda arm: arm.servo_jp(arm.setpoint_js().position),
         lambda arm: arm.servo_jf(np.zeros(6)),
-        lambda arm: arm.servo_cp(arm.setpoint_cp().T),
+        lambda arm: arm.servo_cp(arm.setpoint_cp().matrix),
         lambda arm: arm.body.servo_cf(np.zeros(6)),
         lambda arm: arm.hold(),
         lambda arm: arm.free(),

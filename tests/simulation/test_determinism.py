@@ -105,7 +105,7 @@ def test_a_snapshot_shows_bodies_where_the_joints_are_now():
     world.arm("PSM1").servo_jp(GOAL)
     seen = world.snapshot()
     finger = world.mj_model.body("PSM1/finger_left").id
-    tip = world.reference_pose("PSM1") @ world.arm("PSM1").local.measured_cp().T
+    tip = world.reference_pose("PSM1") @ world.arm("PSM1").local.measured_cp().matrix
     np.testing.assert_allclose(seen.positions[finger], tip[:3, 3], atol=1e-9)
 
 

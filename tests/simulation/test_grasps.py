@@ -83,7 +83,7 @@ def test_an_open_jaw_lets_go_and_does_not_hold_again_without_pressing(held: Grip
     assert held.arm.jaw is not None
     held.arm.jaw.open().wait(timeout_s=1.0)
     held.world.step(500)
-    assert needle.measured_cp().T[2, 3] < held.jaw()[2, 3] - 0.1
+    assert needle.measured_cp().matrix[2, 3] < held.jaw()[2, 3] - 0.1
     held.arm.jaw.close().wait(timeout_s=1.0)
     held.world.step(500)
     assert heard == [("grasp/object", "")]
@@ -105,12 +105,12 @@ def test_grips_and_drops_are_events_with_force_and_height(held: Grip) -> None:
 
 def test_where_it_is_put_the_jaw_no_longer_holds_it(held: Grip) -> None:
     needle = held.world.object("needle")
-    at = needle.measured_cp().T
+    at = needle.measured_cp().matrix
     at[:3, 3] += [0.05, 0.05, 0.0]
     needle.set_cp(at)
     held.world.step(20)
     fallen = 0.5 * 9.81 * 0.02**2
-    assert needle.measured_cp().T[2, 3] == pytest.approx(at[2, 3] - fallen, abs=2e-4)
+    assert needle.measured_cp().matrix[2, 3] == pytest.approx(at[2, 3] - fallen, abs=2e-4)
 
 
 def test_an_arm_that_is_put_elsewhere_leaves_what_it_held(held: Grip) -> None:
@@ -160,11 +160,11 @@ def test_another_arms_new_tool_leaves_what_is_held() -> None:
 
     world = holding_a_block()
     assert world.grasps()["PSM1"].object == "block2"
-    before = world.object("block2").measured_cp().T
+    before = world.object("block2").measured_cp().matrix
     world.exchange_tool("PSM2", "PROGRASP_FORCEPS:420093")
     world.step(200)
     assert world.grasps()["PSM1"].object == "block2"
-    assert np.abs(world.object("block2").measured_cp().T - before).max() < 1e-4
+    assert np.abs(world.object("block2").measured_cp().matrix - before).max() < 1e-4
     world.exchange_tool("PSM1", "PROGRASP_FORCEPS:420093")
     assert world.grasps()["PSM1"].object == ""
 

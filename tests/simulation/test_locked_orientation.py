@@ -41,20 +41,20 @@ def arm(world):
 
 
 def orientation(arm) -> np.ndarray:
-    return arm.measured_cp().T[:3, :3]
+    return arm.measured_cp().matrix[:3, :3]
 
 
 def push_about(world, arm, seconds: float = 2.0) -> float:
     """Push the hand to and fro, and return the largest turn of it on the way [rad]."""
     start, worst, way = orientation(arm), 0.0, 0.0
-    begin = arm.measured_cp().T[:3, 3]
+    begin = arm.measured_cp().matrix[:3, 3]
     for k in range(round(seconds / 0.02)):
         angle = 2.0 * np.pi * k / 50.0
         force = 1.0 * np.array([np.cos(angle), np.sin(angle), np.cos(angle)])
         assert arm.body.servo_cf([*(orientation(arm).T @ force), 0, 0, 0])
         world.step(20)
         worst = max(worst, float(angle_between(start, orientation(arm))))
-        way = max(way, float(np.linalg.norm(arm.measured_cp().T[:3, 3] - begin)))
+        way = max(way, float(np.linalg.norm(arm.measured_cp().matrix[:3, 3] - begin)))
     assert way > 0.03  # the first three joints are free
     return worst
 
@@ -81,10 +81,10 @@ def test_a_wanted_orientation_is_approached_and_held(world, arm):
     expected = orientation(arm) @ matrix_from_rotation_vector(np.array([0.3, -0.2, 0.4]))
     arm.body.servo_cf(HANDS_OFF)
     assert arm.forces.lock_orientation(expected)
-    before = arm.measured_cp().T[:3, 3]
+    before = arm.measured_cp().matrix[:3, 3]
     world.step(3000)
     assert angle_between(orientation(arm), expected) < HELD_RAD
-    assert np.linalg.norm(arm.measured_cp().T[:3, 3] - before) < 0.02
+    assert np.linalg.norm(arm.measured_cp().matrix[:3, 3] - before) < 0.02
 
 
 def test_a_lock_waits_for_force_control(world, arm):
@@ -209,11 +209,11 @@ def test_under_force_control_the_platform_gives_way_and_the_hand_stays(world, ar
     q = np.array([0.1, 0.3, 0.1, -0.5, 0.3, 0.6, 0.2, arm.joints.upper[-1]])
     world.set_state("MTML", q)
     arm.body.servo_cf(HANDS_OFF)
-    before = arm.measured_cp().T[:3, 3]
+    before = arm.measured_cp().matrix[:3, 3]
     world.step(4000)
     now = arm.measured_js().position
     assert now[3] > q[3] + 0.2
-    assert np.linalg.norm(arm.measured_cp().T[:3, 3] - before) < 1e-3
+    assert np.linalg.norm(arm.measured_cp().matrix[:3, 3] - before) < 1e-3
     for verb in ("free", "spatial"):
         world.reset()
         world.set_state("MTML", q)

@@ -48,13 +48,13 @@ def test_a_master_is_seen_from_the_stereo_display_as_on_the_dvrk(rig, name):
     q = world.arm(name).measured_js().position
     assert seen.frame_id == "HRSV"
     expected = printed_base(MASTERS[name]) @ printed_chain(q)
-    np.testing.assert_allclose(seen.T, expected, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(world.arm(name).setpoint_cp().T, expected, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(seen.matrix, expected, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(world.arm(name).setpoint_cp().matrix, expected, rtol=0, atol=1e-12)
 
 
 def test_the_display_s_place_in_the_world_does_not_change_what_it_sees(console):
-    beside = World("full_cart_mtm").arm("MTML").measured_cp().T
-    np.testing.assert_allclose(console.arm("MTML").measured_cp().T, beside, atol=1e-12)
+    beside = World("full_cart_mtm").arm("MTML").measured_cp().matrix
+    np.testing.assert_allclose(console.arm("MTML").measured_cp().matrix, beside, atol=1e-12)
 
 
 def test_the_bases_stand_level_and_the_hands_before_the_surgeon(console):
@@ -62,7 +62,7 @@ def test_the_bases_stand_level_and_the_hands_before_the_surgeon(console):
         base = console.reference_pose(name)
         np.testing.assert_allclose(base[:3, 2], [0, 0, 1], atol=1e-12)
         assert 0.5 < base[2, 3] < 1.2  # between a seated surgeon's knees and eyes
-    left, right = (console.arm(name).measured_cp().T[:3, 3] for name in MASTERS)
+    left, right = (console.arm(name).measured_cp().matrix[:3, 3] for name in MASTERS)
     assert left[0] > 0.0 > right[0]  # x of HRSV points left
 
 
@@ -77,7 +77,7 @@ def test_a_master_without_a_display_is_seen_from_its_own_base(tmp_path):
     )
     arm = World(path).arm("MTML")
     assert arm.measured_cp().frame_id == "MTML_base"
-    np.testing.assert_array_equal(arm.measured_cp().T, arm.local.measured_cp().T)
+    np.testing.assert_array_equal(arm.measured_cp().matrix, arm.local.measured_cp().matrix)
 
 
 def test_the_forearms_parallelograms_hold_in_motion(console):
@@ -97,9 +97,9 @@ def test_what_holds_a_master_hands_off_is_gravity_compensation():
         left = world.arm("MTML")
         left.joints.set_mode("effort")
         left.joints.use_gravity_compensation(on)
-        before = left.local.measured_cp().T[2, 3]
+        before = left.local.measured_cp().matrix[2, 3]
         world.step(2000)
-        heights[on] = abs(left.local.measured_cp().T[2, 3] - before)
+        heights[on] = abs(left.local.measured_cp().matrix[2, 3] - before)
     assert heights[True] < 1e-4 < 5e-3 < heights[False]
 
 

@@ -61,10 +61,10 @@ def free_velocity(world: World, name: str) -> np.ndarray:
 
 def test_an_object_in_the_air_falls_as_galileo_says(world: World) -> None:
     ball = world.object("one")
-    start = ball.measured_cp().T[:3, 3]
+    start = ball.measured_cp().matrix[:3, 3]
     world.step(200)
     t = world.time
-    place, speed = ball.measured_cp().T[:3, 3] - start, ball.measured_cv().linear
+    place, speed = ball.measured_cp().matrix[:3, 3] - start, ball.measured_cv().linear
     # Semi-implicit: after k periods of length h it has fallen g h^2 k (k + 1) / 2.
     fallen = 0.5 * GRAVITY * t * (t + world.timestep)
     assert np.allclose(place, [0.0, 0.0, -fallen], atol=1e-12)
@@ -75,9 +75,9 @@ def test_the_velocity_of_a_turning_object_is_the_difference_of_its_poses(world: 
     rod = world.object("rod")
     free_velocity(world, "rod")[:] = [0.3, -0.2, 1.0, 4.0, -3.0, 7.0]
     world.step(1)
-    before, twist = rod.measured_cp().T, rod.measured_cv()
+    before, twist = rod.measured_cp().matrix, rod.measured_cv()
     world.step(1)
-    after = rod.measured_cp().T
+    after = rod.measured_cp().matrix
     h = world.timestep
     turn = (after[:3, :3] - before[:3, :3]) @ before[:3, :3].T / h
     spin = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2
@@ -93,7 +93,7 @@ def test_the_spin_of_a_free_body_keeps_its_angular_momentum(world: World) -> Non
     assert movable is not None
 
     def momentum() -> np.ndarray:
-        R = rod.measured_cp().T[:3, :3]
+        R = rod.measured_cp().matrix[:3, :3]
         return R @ movable.inertia @ R.T @ rod.measured_cv().angular
 
     free_velocity(world, "rod")[3:] = [1.0, 2.0, 3.0]
@@ -138,9 +138,9 @@ def test_what_lies_still_sleeps_until_it_is_touched() -> None:
     world = World("pegs")
     world.step(200)
     block = world.object("block2")
-    place = block.measured_cp().T
+    place = block.measured_cp().matrix
     world.step(100)
-    assert np.array_equal(block.measured_cp().T, place)  # to the last bit
+    assert np.array_equal(block.measured_cp().matrix, place)  # to the last bit
     assert any("block2" in (c.body, c.other) for c in world.contacts().contacts)
     above = place @ transform(np.eye(3), np.array([0.002, 0.0, 0.03]))
     world.object("block1").set_cp(above)
@@ -154,14 +154,14 @@ def test_what_lies_still_sleeps_until_it_is_touched() -> None:
 def test_what_lay_on_an_object_that_is_put_elsewhere_falls() -> None:
     world = World("pegs")
     lower, upper = world.object("block2"), world.object("block1")
-    upper.set_cp(lower.measured_cp().T @ transform(np.eye(3), np.array([0.0, 0.0, 0.01])))
+    upper.set_cp(lower.measured_cp().matrix @ transform(np.eye(3), np.array([0.0, 0.0, 0.01])))
     world.step(300)
-    height = upper.measured_cp().T[2, 3]
-    assert height == pytest.approx(lower.measured_cp().T[2, 3] + 0.01, abs=1e-5)
-    away = lower.measured_cp().T @ transform(np.eye(3), np.array([0.012, 0.0, 0.0]))
+    height = upper.measured_cp().matrix[2, 3]
+    assert height == pytest.approx(lower.measured_cp().matrix[2, 3] + 0.01, abs=1e-5)
+    away = lower.measured_cp().matrix @ transform(np.eye(3), np.array([0.012, 0.0, 0.0]))
     lower.set_cp(away)
     world.step(300)
-    assert upper.measured_cp().T[2, 3] == pytest.approx(height - 0.01, abs=1e-5)
+    assert upper.measured_cp().matrix[2, 3] == pytest.approx(height - 0.01, abs=1e-5)
 
 
 def test_the_table_of_contacts_is_the_list_of_contacts() -> None:
@@ -178,13 +178,13 @@ def test_the_table_of_contacts_is_the_list_of_contacts() -> None:
 
 
 def test_an_object_is_put_exactly_where_it_is_told(world: World) -> None:
-    ball, other = world.object("one"), world.object("two").measured_cp().T
+    ball, other = world.object("one"), world.object("two").measured_cp().matrix
     T = transform(matrix_from_rpy(0.3, -1.2, 2.5), np.array([0.1, -0.7, 0.4]))
     world.step(50)
     ball.set_cp(T)
-    assert np.abs(ball.measured_cp().T - T).max() < 1e-15
+    assert np.abs(ball.measured_cp().matrix - T).max() < 1e-15
     assert np.array_equal(ball.measured_cv().linear, np.zeros(3))
-    assert world.object("two").measured_cp().T[2, 3] < other[2, 3]  # that one falls on
+    assert world.object("two").measured_cp().matrix[2, 3] < other[2, 3]  # that one falls on
     seen = world.snapshot()
     shape = next(s for s in world.shapes() if s.name.startswith("one/"))
     assert np.allclose(seen.positions[shape.body], T[:3, 3], atol=1e-15)
@@ -216,10 +216,10 @@ def test_reset_puts_objects_back(world: World) -> None:
 def test_a_pose_that_is_none_is_rejected_and_nothing_moves(
     world: World, pose: object, problem: str
 ) -> None:
-    before = world.object("one").measured_cp().T
+    before = world.object("one").measured_cp().matrix
     with pytest.raises(InputError, match=problem):
         world.object("one").set_cp(pose)  # type: ignore[arg-type]
-    assert np.array_equal(world.object("one").measured_cp().T, before)
+    assert np.array_equal(world.object("one").measured_cp().matrix, before)
 
 
 def test_an_unknown_object_is_told_with_the_known_ones(world: World) -> None:
@@ -257,9 +257,9 @@ def test_a_recording_with_objects_repeats_to_the_last_bit(tmp_path: Path) -> Non
 def test_the_jaw_grasps_a_block_and_lifts_it() -> None:
     world = World("pegs")
     arm, block = world.arm("PSM1"), world.object("block2")
-    at = block.measured_cp().T[:3, 3]
+    at = block.measured_cp().matrix[:3, 3]
     cart = world.reference_pose("PSM1")
-    down = (cart @ arm.local.measured_cp().T)[:3, :3]
+    down = (cart @ arm.local.measured_cp().matrix)[:3, :3]
 
     def go(height: float) -> None:
         T = transform(down, at + np.array([0.0, 0.0, height]))
@@ -274,14 +274,14 @@ def test_the_jaw_grasps_a_block_and_lifts_it() -> None:
     assert any("finger_left" in pair and "block2" in pair for pair in touching)
     go(0.03)
     world.step(1000)
-    height = block.measured_cp().T[2, 3] - at[2]
+    height = block.measured_cp().matrix[2, 3] - at[2]
     assert height == pytest.approx(0.018, abs=1e-3)
     others = {"board", "table"} & {n for c in world.contacts().contacts if "block2" in
                                    (c.body, c.other) for n in (c.body, c.other)}  # fmt: skip
     assert not others
     arm.jaw.open().wait(timeout_s=2.0)
     world.step(500)
-    assert block.measured_cp().T[2, 3] < at[2] + 0.005
+    assert block.measured_cp().matrix[2, 3] < at[2] + 0.005
 
 
 def test_an_exchange_of_a_tool_leaves_objects_where_they_are(world: World) -> None:
@@ -294,4 +294,4 @@ def test_an_exchange_of_a_tool_leaves_objects_where_they_are(world: World) -> No
     world.step(10)
     assert (world.object_states().positions[:, 2] < before.positions[:, 2]).all()
     world.object("one").set_cp(np.eye(4))
-    assert np.array_equal(world.object("one").measured_cp().T, np.eye(4))
+    assert np.array_equal(world.object("one").measured_cp().matrix, np.eye(4))

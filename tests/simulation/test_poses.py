@@ -40,14 +40,14 @@ def test_a_psm_is_seen_from_the_scope_as_the_bodies_stand(rig):
         seen = world.arm(name).measured_cp()
         assert seen.frame_id == "ECM"
         # Loop errors reach 0.1 um at 0.5 m from the remote centre.
-        np.testing.assert_allclose(seen.T, inverse(tip) @ tip_of_psm(world, name), atol=2e-6)
+        np.testing.assert_allclose(seen.matrix, inverse(tip) @ tip_of_psm(world, name), atol=2e-6)
 
 
 @pytest.mark.parametrize("mover", ["ECM", "SUJ_PSM1", "SUJ_ECM"])
 def test_a_psm_seen_from_the_scope_moves_when_either_is_carried(mover):
     world = World("suj_two_psm_ecm", collisions=False)
     psm = world.arm("PSM1")
-    seen, local = psm.measured_cp().T, psm.local.measured_cp().T
+    seen, local = psm.measured_cp().matrix, psm.local.measured_cp().matrix
     if mover.startswith("SUJ"):
         world.arm(mover).brakes.release()
     q = world.arm(mover).measured_js().position
@@ -55,8 +55,8 @@ def test_a_psm_seen_from_the_scope_moves_when_either_is_carried(mover):
     world.arm(mover).joints.set_mode("set")
     world.arm(mover).servo_jp(q)
     world.step(5)
-    assert np.abs(psm.measured_cp().T - seen)[:3, 3].max() > 0.01
-    np.testing.assert_allclose(psm.local.measured_cp().T, local, atol=1e-4)
+    assert np.abs(psm.measured_cp().matrix - seen)[:3, 3].max() > 0.01
+    np.testing.assert_allclose(psm.local.measured_cp().matrix, local, atol=1e-4)
 
 
 def test_without_a_scope_a_psm_is_seen_from_its_own_remote_centre():
@@ -65,12 +65,12 @@ def test_without_a_scope_a_psm_is_seen_from_its_own_remote_centre():
     arm.move_jp([0.3, 0.2, 0.15, 0.4, 0.2, 0.1])
     world.step(400)
     seen, local = arm.measured_cp(), arm.local.measured_cp()
-    np.testing.assert_array_equal(seen.T, local.T)
+    np.testing.assert_array_equal(seen.matrix, local.matrix)
     assert (seen.frame_id, local.frame_id) == ("PSM1_base", "rcm")
     assert seen.time == pytest.approx(0.4)
     mechanism = world.rig.arm("PSM1").arm.mechanism
     here = pose(mechanism, arm.joints.readings()[0])
-    np.testing.assert_allclose(local.T, here, rtol=0.0, atol=1e-14)  # rounding
+    np.testing.assert_allclose(local.matrix, here, rtol=0.0, atol=1e-14)  # rounding
 
 
 def test_the_cart_is_the_frame_of_setup_joints_and_of_the_scope_that_they_carry():
@@ -78,11 +78,11 @@ def test_the_cart_is_the_frame_of_setup_joints_and_of_the_scope_that_they_carry(
     world = World("full_cart")
     setup, scope = world.arm("SUJ_ECM"), world.arm("ECM")
     assert setup.measured_cp().frame_id == scope.measured_cp().frame_id == "Cart"
-    np.testing.assert_array_equal(setup.measured_cp().T, setup.local.measured_cp().T)
+    np.testing.assert_array_equal(setup.measured_cp().matrix, setup.local.measured_cp().matrix)
     cart = world.reference_pose("SUJ_ECM")
     assert cart[2, 3] == pytest.approx(0.167458)
-    there = world.reference_pose("ECM") @ scope.local.measured_cp().T
-    np.testing.assert_allclose(cart @ scope.measured_cp().T, there, atol=1e-12)
+    there = world.reference_pose("ECM") @ scope.local.measured_cp().matrix
+    np.testing.assert_allclose(cart @ scope.measured_cp().matrix, there, atol=1e-12)
     lone = World("ecm").arm("ECM").measured_cp()
     assert lone.frame_id == "ECM_base"
 
@@ -95,10 +95,12 @@ def test_set_points_are_seen_in_the_same_frame():
     expected = arm.setpoint_cp()
     assert expected.frame_id == arm.measured_cp().frame_id == "ECM"
     world.step(3000)
-    np.testing.assert_allclose(arm.measured_cp().T, expected.T, atol=5e-3)
+    np.testing.assert_allclose(arm.measured_cp().matrix, expected.matrix, atol=5e-3)
     base, _ = world.base_pose("PSM1")
     mechanism = world.rig.arm("PSM1").arm.mechanism
-    np.testing.assert_allclose(expected.T, base @ pose(mechanism, np.append(goal, 0.0)), atol=1e-4)
+    np.testing.assert_allclose(
+        expected.matrix, base @ pose(mechanism, np.append(goal, 0.0)), atol=1e-4
+    )
 
 
 def test_lone_arms_have_their_remote_centre_where_the_rig_says():
@@ -117,20 +119,20 @@ def test_a_tip_s_place_in_the_world_is_where_its_body_is() -> None:
     for name in ("PSM1", "PSM2"):
         T = world.arm(name).measured_cp("world")
         assert T.frame_id == "world" and T.time == world.time
-        assert np.abs(T.T - tip_of_psm(world, name)).max() < 1e-6
+        assert np.abs(T.matrix - tip_of_psm(world, name)).max() < 1e-6
 
 
 def test_the_tool_of_the_lone_psm_reaches_its_table() -> None:
     world = World("psm")
     arm = world.arm("PSM1")
     (top,) = (prop.pose[2, 3] for prop in world.rig.props if prop.name == "table")
-    T = arm.measured_cp().T
+    T = arm.measured_cp().matrix
     for x in (-0.03, 0.0, 0.03):
         T[:3, 3] = [x, 0.0, top - world.remote_centres()["PSM1"][2]]
         q = arm.inverse_kinematics(T)
         assert (arm.joints.lower[:6] <= q).all() and (q <= arm.joints.upper[:6]).all()
         world.set_state("PSM1", np.append(q, 0.0))
-        assert arm.measured_cp("world").T[:3, 3] == pytest.approx([x, 0.0, top], abs=1e-6)
+        assert arm.measured_cp("world").matrix[:3, 3] == pytest.approx([x, 0.0, top], abs=1e-6)
 
 
 def test_worlds_arms_jaws_and_moves_have_readable_representations() -> None:

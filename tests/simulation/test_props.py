@@ -64,7 +64,7 @@ def test_poses_and_velocities_on_joints_are_those_of_mujoco(world: World) -> Non
         np.testing.assert_allclose(states.positions[k], data.xpos[body], atol=1e-12)
         np.testing.assert_allclose(states.linear[k], expected[3:], atol=1e-9)
         np.testing.assert_allclose(states.angular[k], expected[:3], atol=1e-9)
-        turn = world.object(name).measured_cp().T[:3, :3]
+        turn = world.object(name).measured_cp().matrix[:3, :3]
         np.testing.assert_allclose(turn, data.xmat[body].reshape(3, 3), atol=1e-12)
 
 
@@ -297,7 +297,7 @@ def test_sensors_on_props_see_what_is_there(world: World) -> None:
     assert {c.other for c in scale} == {"weight"}
     load = sum(c.force for c in scale)
     np.testing.assert_allclose(load, [0, 0, -GRAVITY * world.object("weight").mass], atol=1e-3)
-    T = world.object("tray").measured_cp().T
+    T = world.object("tray").measured_cp().matrix
     world.object("ball1").set_cp(
         T @ np.block([[np.eye(3), np.array([[0], [0], [0.005]])], [0, 0, 0, 1]])
     )

@@ -37,7 +37,7 @@ def pose(rng: np.random.Generator, arm: Arm) -> object:
         return np.full((4, 4), np.nan)
     if kind == 1:
         return np.eye(3)
-    T = arm.setpoint_cp().T
+    T = arm.setpoint_cp().matrix
     T[:3, 3] += 0.01 * rng.standard_normal(3) if kind < 5 else 1.0
     return T
 
@@ -61,7 +61,7 @@ VERBS = {
     "servo_cf": lambda a, r: a.forces.servo_cf(
         numbers(r, 6), ["body", "spatial", "tool"][r.integers(3)]
     ),
-    "servo_ci": lambda a, _: a.forces.servo_ci(CartesianImpedance(a.measured_cp().T[:3, 3])),
+    "servo_ci": lambda a, _: a.forces.servo_ci(CartesianImpedance(a.measured_cp().matrix[:3, 3])),
     "move_jp": lambda a, r: a.move_jp(numbers(r, 6)),
     "move_jr": lambda a, r: a.move_jr(numbers(r, 6)),
     "move_cp": lambda a, r: a.move_cp(pose(r, a)),

@@ -46,7 +46,7 @@ def test_perfect_moves_bit_for_bit_as_no_errors_do() -> None:
     assert perfect.signature == plain.signature
     arm, true = perfect.arm("PSM1"), perfect.true_state("PSM1")
     np.testing.assert_allclose(arm.joints.readings(), [true.q, true.qd, true.effort], atol=1e-15)
-    np.testing.assert_allclose(arm.measured_cp().T, true.cp.T, atol=1e-15)
+    np.testing.assert_allclose(arm.measured_cp().matrix, true.cp.matrix, atol=1e-15)
 
 
 def test_a_rigs_own_errors_are_overridden_by_name() -> None:
@@ -92,7 +92,9 @@ def test_a_saved_state_goes_on_to_the_last_bit() -> None:
         world.step(200)
     assert np.array_equal(row(first), row(second))
     for name in first.arms:
-        assert np.array_equal(first.arm(name).measured_cp().T, second.arm(name).measured_cp().T)
+        assert np.array_equal(
+            first.arm(name).measured_cp().matrix, second.arm(name).measured_cp().matrix
+        )
         assert np.array_equal(first.true_state(name).world, second.true_state(name).world)
 
 
@@ -135,12 +137,12 @@ def test_late_readings_are_those_of_before() -> None:
     plain, late = World("psm"), World(with_errors(of_joints(latency=0.02)))
     for world in (plain, late):
         moved(world, 80)
-    before = plain.arm("PSM1").joints.readings()[:2], plain.arm("PSM1").measured_cp().T
+    before = plain.arm("PSM1").joints.readings()[:2], plain.arm("PSM1").measured_cp().matrix
     for world in (plain, late):
         world.step(20)
     assert np.array_equal(row(plain), row(late))
     np.testing.assert_allclose(late.arm("PSM1").joints.readings()[:2], before[0], atol=1e-15)
-    np.testing.assert_allclose(late.arm("PSM1").measured_cp().T, before[1], atol=1e-15)
+    np.testing.assert_allclose(late.arm("PSM1").measured_cp().matrix, before[1], atol=1e-15)
     assert np.array_equal(late.true_state("PSM1").q, plain.true_state("PSM1").q)
 
 
@@ -150,7 +152,7 @@ def test_a_registration_moves_the_reported_cameras_frame() -> None:
     for pose in ("start", "work"):
         world.reset(pose=pose)
         arm = world.arm("PSM1")
-        changes.append(arm.measured_cp().T @ np.linalg.inv(world.true_state("PSM1").cp.T))
+        changes.append(arm.measured_cp().matrix @ np.linalg.inv(world.true_state("PSM1").cp.matrix))
     np.testing.assert_allclose(changes[0], changes[1], atol=1e-12)
     assert 1e-4 < np.linalg.norm(changes[0][:3, 3]) < 0.01
 
@@ -159,11 +161,11 @@ def test_a_commanded_pose_is_reached_as_it_is_reported() -> None:
     world = World("two_psm_ecm", errors="lab", seed=3, collisions=False)
     world.reset(pose="work")
     arm = world.arm("PSM1")
-    goal = arm.measured_cp().T
+    goal = arm.measured_cp().matrix
     goal[:3, 3] += [0.005, -0.004, 0.003]
     arm.servo_cp(goal)
     world.step(1500)
-    reported, true = arm.measured_cp().T, world.true_state("PSM1").cp.T
+    reported, true = arm.measured_cp().matrix, world.true_state("PSM1").cp.matrix
     assert np.linalg.norm(reported[:3, 3] - goal[:3, 3]) < 3e-4
     assert np.linalg.norm(true[:3, 3] - goal[:3, 3]) > 1e-3
 
@@ -171,7 +173,7 @@ def test_a_commanded_pose_is_reached_as_it_is_reported() -> None:
 def test_setup_joints_that_read_wrong_move_the_reported_base() -> None:
     errors = RobotErrors("test", (JointRow(("SUJ",), (), JointErrors(offset=0.01)),))
     world = World(with_errors(errors, "suj_two_psm_ecm"))
-    lost = world.arm("PSM1").measured_cp().T[:3, 3] - world.true_state("PSM1").cp.T[:3, 3]
+    lost = world.arm("PSM1").measured_cp().matrix[:3, 3] - world.true_state("PSM1").cp.matrix[:3, 3]
     assert 1e-3 < np.linalg.norm(lost) < 0.1
     assert np.array_equal(world.arm("PSM1").joints.readings()[0], world.true_state("PSM1").q)
 
@@ -183,7 +185,7 @@ def test_every_reading_agrees_with_the_verbs() -> None:
     for row_, name in enumerate(world.arms):
         arm = world.arm(name)
         np.testing.assert_allclose(
-            read.bases[row_] @ read.measured[row_], arm.measured_cp().T, atol=1e-12
+            read.bases[row_] @ read.measured[row_], arm.measured_cp().matrix, atol=1e-12
         )
         assert np.array_equal(shown.arms[name].q, arm.joints.readings()[0])
         assert np.array_equal(
@@ -201,7 +203,7 @@ def test_pictures_show_the_truth() -> None:
     at = world.mj_model.site(naming.frame_site("PSM1", "tip")).id
     mujoco.mj_kinematics(world.mj_model, shown)
     assert np.linalg.norm(tip - shown.site_xpos[at]) < 2e-6
-    assert np.linalg.norm(tip - world.arm("PSM1").measured_cp("world").T[:3, 3]) > 1e-3
+    assert np.linalg.norm(tip - world.arm("PSM1").measured_cp("world").matrix[:3, 3]) > 1e-3
 
 
 def test_an_exchanged_tool_leaves_the_errors_of_other_joints() -> None:
@@ -246,9 +248,9 @@ def test_worlds_of_a_batch_have_the_errors_that_worlds_have(calibration: str | N
     assert not np.array_equal(batch.rows[0], batch.rows[1])
     found = np.concatenate([arm.joints.readings()[0] for arm in world.arms.values()])
     np.testing.assert_allclose(readings.q[0], found, atol=1e-15)
-    tip = world.arm("PSM1").measured_cp().T
+    tip = world.arm("PSM1").measured_cp().matrix
     np.testing.assert_allclose(readings.tips["PSM1"][0], tip, atol=1e-12)
-    assert np.abs(tip - world.true_state("PSM1").cp.T).max() > 1e-4
+    assert np.abs(tip - world.true_state("PSM1").cp.matrix).max() > 1e-4
 
 
 def test_unknown_errors_list_the_known_ones() -> None:

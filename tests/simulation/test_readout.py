@@ -34,10 +34,10 @@ def verbs_of(world: World) -> dict[str, dict[str, Any]]:
     found: dict[str, dict[str, Any]] = {}
     for name, arm in world.arms.items():
         each = found[name] = {
-            "measured": arm.measured_cp().T,
-            "local measured": arm.local.measured_cp().T,
-            "setpoint": arm.setpoint_cp().T,
-            "local setpoint": arm.local.setpoint_cp().T,
+            "measured": arm.measured_cp().matrix,
+            "local measured": arm.local.measured_cp().matrix,
+            "setpoint": arm.setpoint_cp().matrix,
+            "local setpoint": arm.local.setpoint_cp().matrix,
             "frame": arm.measured_cp().frame_id,
             "reference": world.reference_pose(name),
         }

@@ -126,7 +126,7 @@ def test_sleeping_objects_stay_asleep_and_wake_alike(periods):
     def step_to(one: World, last: int) -> None:
         while one.periods < last:
             if one.periods == 1240:
-                T = one.object(first).measured_cp().T.copy()
+                T = one.object(first).measured_cp().matrix.copy()
                 T[:3, 3] += [0.001, 0.0005, 0.02]
                 one.object(first).set_cp(T)
             one.step()

@@ -504,7 +504,7 @@ def test_a_twist_at_the_tip_is_the_measured_velocity(tmp_path: Path) -> None:
     arm = world.arm("PSM1")
     arm.move_jp([0.3, 0.2, 0.16, 0.4, 0.3, -0.2])
     world.step(300)
-    reading, public, turn = velocity(world), arm.measured_cv(), arm.measured_cp().T[:3, :3]
+    reading, public, turn = velocity(world), arm.measured_cv(), arm.measured_cp().matrix[:3, :3]
     np.testing.assert_allclose(reading.linear, turn.T @ public.linear, atol=1e-3)
     np.testing.assert_allclose(reading.angular, turn.T @ public.angular, atol=1e-2)
 

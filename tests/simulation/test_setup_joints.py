@@ -206,7 +206,7 @@ def test_welded_setup_joints_stand_where_braked_ones_start(world):
         assert same == pytest.approx(1.0, abs=1e-12)
     for name in world.arms:
         here, there = (w.arm(name).measured_cp() for w in (world, welded))
-        np.testing.assert_allclose(here.T, there.T, atol=1e-12)
+        np.testing.assert_allclose(here.matrix, there.matrix, atol=1e-12)
         assert here.frame_id == there.frame_id
 
 

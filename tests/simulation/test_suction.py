@@ -36,7 +36,7 @@ def with_cup(world: World) -> Suction:
     """Give a world a cup, with the ball 0.3 mm ahead of its opening."""
     arm = world.arm("PSM1")
     arm.move_jp([0.0, 0.0, 0.12, 0.0, 0.0, 0.0]).wait()
-    tip, cup = arm.measured_cp("world").T, Suction("PSM1", AHEAD)
+    tip, cup = arm.measured_cp("world").matrix, Suction("PSM1", AHEAD)
     world.add("suction", cup)
     at = tip[:3, 3] + (AHEAD + RADIUS + 3e-4) * tip[:3, 2]
     world.object("ball").set_cp(transform(np.eye(3), at))
@@ -45,7 +45,10 @@ def with_cup(world: World) -> Suction:
 
 def distance(world: World) -> float:
     """Give the distance from the tip to the ball's centre [m]."""
-    ball, tip = world.object("ball").measured_cp().T, world.arm("PSM1").measured_cp("world").T
+    ball, tip = (
+        world.object("ball").measured_cp().matrix,
+        world.arm("PSM1").measured_cp("world").matrix,
+    )
     return float(np.linalg.norm(ball[:3, 3] - tip[:3, 3]))
 
 

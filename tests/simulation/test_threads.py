@@ -311,7 +311,7 @@ joint = { kind = "ball", on = "needle" }
     world = World(rig(text))
     wire = next(prop.needle for prop in world.rig.props if prop.needle)
     for _ in range(2):
-        T = world.objects["needle"].measured_cp().T
+        T = world.objects["needle"].measured_cp().matrix
         points = world.threads["thread"].points()
         assert points[0] == pytest.approx((T @ wire.swage)[:3, 3], abs=1e-9)
         away = (points[1] - points[0]) / np.linalg.norm(points[1] - points[0])

@@ -122,8 +122,8 @@ def test_the_arm_keeps_its_place_and_its_new_wrist_is_straight() -> None:
     assert world.arm("PSM1") is arm and arm.jaw is jaw
     assert arm.description.tool == MARYLAND == world.rig.arm("PSM1").arm.tool
     np.testing.assert_allclose(arm.joints.upper[3:6], [4.4506, 1.2217, np.pi / 2])
-    tip = arm.local.measured_cp().T
-    assert tip[:3, 3] == pytest.approx(arm.forward_kinematics(q[:6]).T[:3, 3])
+    tip = arm.local.measured_cp().matrix
+    assert tip[:3, 3] == pytest.approx(arm.forward_kinematics(q[:6]).matrix[:3, 3])
     world.step(500)
     assert np.abs(arm.joints.readings()[0][:6] - setpoint).max() < 2e-3
     assert arm.move_to("work").wait(5.0) and arm.rejections.count == 0

@@ -143,11 +143,11 @@ def test_a_recording_is_scored_by_forward_kinematics_of_the_mounted_tool(file: P
     one = found.arms["PSM1"].motion
     world = World("psm")
     world.exchange_tool("PSM1", "PROGRASP_FORCEPS:420093")
-    tips = [world.arm("PSM1").local.measured_cp().T[:3, 3]]
+    tips = [world.arm("PSM1").local.measured_cp().matrix[:3, 3]]
     world.arm("PSM1").move_jp([0.2, 0.1, 0.15, 0.4, 0.2, -0.3])
     for _ in range(240):
         world.step(5)
-        tips.append(world.arm("PSM1").local.measured_cp().T[:3, 3])
+        tips.append(world.arm("PSM1").local.measured_cp().matrix[:3, 3])
     assert one.path_length_m == pytest.approx(path_length(tips), rel=2e-3)
     assert one.time_s == pytest.approx(1.2)
     assert 0.9 < one.economy <= 1.0

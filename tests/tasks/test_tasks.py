@@ -191,7 +191,7 @@ def test_a_hand_that_turns_on_and_on_turns_back_before_the_limit_of_its_roll(tas
         angle = np.radians(80.0 * k)
         for part in hand.over(np.array([0.03, 0.0, 0.03]), 0.0, angle):
             task.command(part)
-        closing = task.world.arms["PSM1"].measured_cp("world").T[:3, 1]
+        closing = task.world.arms["PSM1"].measured_cp("world").matrix[:3, 1]
         assert abs(closing[:2] @ [np.cos(angle), np.sin(angle)]) > np.cos(np.radians(2.0))
     assert task.controller.stalled == {"PSM1": 0.0}
 
@@ -277,12 +277,12 @@ def test_the_endoscope_loses_an_active_target_that_it_does_not_follow() -> None:
 
 def test_the_tip_follows_the_velocity_of_an_action(task: Task) -> None:
     task.reset(0)
-    start = task.world.arms["PSM1"].measured_cp("world").T
+    start = task.world.arms["PSM1"].measured_cp("world").matrix
     for _ in range(50):
         task.command([0.02, -0.01, 0.005, 0.0, 0.0, 0.3, 0.5])
     for _ in range(10):
         task.command([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5])
-    end = task.world.arms["PSM1"].measured_cp("world").T
+    end = task.world.arms["PSM1"].measured_cp("world").matrix
     assert end[:3, 3] - start[:3, 3] == pytest.approx([0.02, -0.01, 0.005], abs=5e-4)
     turn = end[:3, :3] @ start[:3, :3].T
     assert np.arctan2(turn[1, 0], turn[0, 0]) == pytest.approx(0.3, abs=0.01)

@@ -60,7 +60,7 @@ class Bench:
     def carry(self, name: str, T: Array, seconds: float = 0.4) -> None:
         """Carry a master's handle evenly to a pose in the frame of the stereo display."""
         arm = self.world.arm(name)
-        T0 = arm.measured_cp().T
+        T0 = arm.measured_cp().matrix
         turn = rotation_vector_from_matrix(T[:3, :3] @ T0[:3, :3].T)
         count = round(seconds / TICK_S)
         for k in range(1, count + 1):
@@ -76,5 +76,5 @@ class Bench:
 def tip_in_image(world: World, arm: str) -> Array:
     """Return the tip that an arm is told, in the endoscope's optical frame, (4, 4)."""
     camera = world.cameras()["endoscope"].T_world_camera
-    tip = world.reference_pose(arm) @ world.arm(arm).local.setpoint_cp().T
+    tip = world.reference_pose(arm) @ world.arm(arm).local.setpoint_cp().matrix
     return np.linalg.inv(camera) @ tip

@@ -73,7 +73,7 @@ class Session:
     def tip_in_image(self, arm: str = "PSM1") -> np.ndarray:
         """Return the measured tip in the endoscope's optical frame, (4, 4)."""
         camera = self.world.cameras()["endoscope"].T_world_camera
-        T = self.world.reference_pose(arm) @ self.world.arm(arm).local.measured_cp().T
+        T = self.world.reference_pose(arm) @ self.world.arm(arm).local.measured_cp().matrix
         return np.linalg.inv(camera) @ T
 
     def tip(self, arm: str = "PSM1") -> np.ndarray:

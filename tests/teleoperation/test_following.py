@@ -19,7 +19,7 @@ SHIFT = np.array([0.02, -0.015, 0.01])
 
 
 def measured_tip(world: World) -> np.ndarray:
-    return world.arm("PSM1").local.measured_cp().T[:3, 3]
+    return world.arm("PSM1").local.measured_cp().matrix[:3, 3]
 
 
 def shifted(T: np.ndarray, by: np.ndarray = SHIFT) -> np.ndarray:
@@ -45,9 +45,9 @@ def bench() -> Bench:
 def test_the_scale_is_exact(bench: Bench, scale: float) -> None:
     one = following(bench)
     one.set_scale(scale)
-    hand = bench.world.arm("MTMR").measured_cp().T
-    bench.carry("MTMR", shifted(bench.world.arm("MTMR").measured_cp().T))
-    now = bench.world.arm("MTMR").measured_cp().T
+    hand = bench.world.arm("MTMR").measured_cp().matrix
+    bench.carry("MTMR", shifted(bench.world.arm("MTMR").measured_cp().matrix))
+    now = bench.world.arm("MTMR").measured_cp().matrix
     told = tip_in_image(bench.world, "PSM1")[:3, 3] * [-1, -1, 1]  # x left, y up
     way = now[:3, 3] - hand[:3, 3]
     assert np.linalg.norm(way) > 0.02
@@ -61,12 +61,12 @@ def test_the_tip_does_not_jump_when_the_clutch_closes_or_opens() -> None:
     bench = Bench(dynamics="cad")
     bench.enable()
     one, world = bench.engine.components["MTMR_PSM1"], bench.world
-    bench.carry("MTMR", shifted(world.arm("MTMR").measured_cp().T))
+    bench.carry("MTMR", shifted(world.arm("MTMR").measured_cp().matrix))
     bench.run(0.5)
     before = measured_tip(world)
     bench.console.press_clutch(True)
     assert not one.following
-    bench.carry("MTMR", shifted(world.arm("MTMR").measured_cp().T, -2.0 * SHIFT))
+    bench.carry("MTMR", shifted(world.arm("MTMR").measured_cp().matrix, -2.0 * SHIFT))
     bench.run(0.2)
     steps = [np.linalg.norm(measured_tip(world) - before)]
     bench.console.press_clutch(False)
@@ -91,12 +91,12 @@ def test_the_tool_follows_within_ten_milliseconds(bench: Bench) -> None:
         bend = 1.0 - np.cos(2 * np.pi * t)
         world.arm("MTMR").servo_jp(start + turn * bend, turn * 2 * np.pi * np.sin(2 * np.pi * t))
         bench.loop.tick()
-        master.append(world.arm("MTMR").measured_cp().T[:3, 3])
-        tool.append(world.arm("PSM1").measured_cp().T[:3, 3])
+        master.append(world.arm("MTMR").measured_cp().matrix[:3, 3])
+        tool.append(world.arm("PSM1").measured_cp().matrix[:3, 3])
     far = np.array(tool)[300:] - tool[300]
     one = following(bench)
-    goal = one.goal(world.arm("MTMR").measured_cp().T)
-    R = world.arm("PSM1").measured_cp().T[:3, :3] @ goal[:3, :3].T
+    goal = one.goal(world.arm("MTMR").measured_cp().matrix)
+    R = world.arm("PSM1").measured_cp().matrix[:3, :3] @ goal[:3, :3].T
     lags = []
     for begin in range(0, 1100, 100):
         window = slice(begin, begin + 100)
@@ -139,7 +139,7 @@ def test_a_recording_of_teleoperation_repeats_to_the_last_bit(tmp_path: Path) ->
     bench = Bench()
     with record(bench.world, tmp_path / "hands.mcap"):
         bench.enable()
-        bench.carry("MTMR", shifted(bench.world.arm("MTMR").measured_cp().T), seconds=0.2)
+        bench.carry("MTMR", shifted(bench.world.arm("MTMR").measured_cp().matrix), seconds=0.2)
         bench.console.press_clutch(True)
         bench.run(0.05)
     report = repeat(str(tmp_path / "hands.mcap"))

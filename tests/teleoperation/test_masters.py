@@ -47,14 +47,14 @@ def test_a_hand_on_a_handle_carries_the_master_and_the_tool_follows() -> None:
     bench.enable()
     world = bench.world
     base = world.reference_pose("MTMR")
-    goal = base @ world.arm("MTMR").local.measured_cp().T
-    tool = world.arm("PSM1").setpoint_cp().T[:3, 3]
+    goal = base @ world.arm("MTMR").local.measured_cp().matrix
+    tool = world.arm("PSM1").setpoint_cp().matrix[:3, 3]
     goal[:3, 3] += [0.02, 0.01, 0.015]
     bench.engine.carriers["MTMR"].carry(goal)
     bench.run(0.6)
-    here = base @ world.arm("MTMR").local.measured_cp().T
+    here = base @ world.arm("MTMR").local.measured_cp().matrix
     np.testing.assert_allclose(here[:3, 3], goal[:3, 3], atol=2e-3)
-    moved = np.linalg.norm(world.arm("PSM1").setpoint_cp().T[:3, 3] - tool)
+    moved = np.linalg.norm(world.arm("PSM1").setpoint_cp().matrix[:3, 3] - tool)
     assert moved == pytest.approx(0.2 * np.linalg.norm([0.02, 0.01, 0.015]), rel=0.1)
     bench.engine.carriers["MTMR"].let_go()
     assert not bench.engine.carriers["MTMR"].busy
@@ -65,7 +65,7 @@ def test_a_recorded_motion_carries_the_masters_again(tmp_path: Path) -> None:
     pytest.importorskip("mcap")
     source = Bench()
     with record(source.world, tmp_path / "hands.mcap"):
-        goal = source.world.arm("MTMR").measured_cp().T
+        goal = source.world.arm("MTMR").measured_cp().matrix
         goal[:3, 3] += [0.03, 0.0, 0.0]
         source.carry("MTMR", goal)
         source.run(0.1)
@@ -77,15 +77,15 @@ def test_a_recorded_motion_carries_the_masters_again(tmp_path: Path) -> None:
     assert session.engine is not None
     player = session.engine.players[0]
     assert isinstance(player, MotionPlayer)
-    before = loop.world.arm("PSM1").setpoint_cp().T[:3, 3]
+    before = loop.world.arm("PSM1").setpoint_cp().matrix[:3, 3]
     while not player.over:
         assert loop.world.time < 15.0
         if not player.busy:
-            before = loop.world.arm("PSM1").setpoint_cp().T[:3, 3]
+            before = loop.world.arm("PSM1").setpoint_cp().matrix[:3, 3]
         loop.tick()
     for _ in range(200):
         loop.tick()
-    moved = loop.world.arm("PSM1").setpoint_cp().T[:3, 3] - before
+    moved = loop.world.arm("PSM1").setpoint_cp().matrix[:3, 3] - before
     assert np.linalg.norm(moved) == pytest.approx(0.2 * 0.03, rel=0.15)
 
 
@@ -160,10 +160,10 @@ def test_a_master_somewhere_else_is_asked_to_turn_and_then_moves_the_tool(tmp_pa
     away.turn = goal["pose"]["orientation"]
     away.run(0.1)
     assert away.one.following
-    before = away.world.arm("PSM1").setpoint_cp().T[:3, 3]
+    before = away.world.arm("PSM1").setpoint_cp().matrix[:3, 3]
     away.at = np.add(away.at, [0.0, 0.01, 0.0])
     away.run(0.1)
-    moved = away.world.arm("PSM1").setpoint_cp().T[:3, 3] - before
+    moved = away.world.arm("PSM1").setpoint_cp().matrix[:3, 3] - before
     assert np.linalg.norm(moved) == pytest.approx(0.002, abs=1e-6)
 
 
@@ -198,7 +198,7 @@ def test_half_the_scale_of_a_device_halves_all_its_speeds(key: str) -> None:
             device.receive(from_keys(keys))
             for _ in range(200):
                 loop.tick()
-            seen.append((arm.local.setpoint_cp().T, arm.joints.setpoints()[-1]))
+            seen.append((arm.local.setpoint_cp().matrix, arm.joints.setpoints()[-1]))
         (A, shut), (B, now) = seen
         turned = angle_between(A[:3, :3], B[:3, :3])
         return np.array([np.linalg.norm(B[:3, 3] - A[:3, 3]), turned, now - shut])

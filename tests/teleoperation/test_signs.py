@@ -31,7 +31,7 @@ def bench() -> Bench:
 @pytest.mark.parametrize("rig", ["two_psm_ecm", "full_cart_mtm"])
 def test_the_tip_of_the_endoscope_has_the_axes_of_the_stereo_display(rig: str) -> None:
     world = World(rig)
-    tip = world.reference_pose("ECM") @ world.arm("ECM").local.measured_cp().T
+    tip = world.reference_pose("ECM") @ world.arm("ECM").local.measured_cp().matrix
     for where, way in DISPLAY.items():
         seen = world.cameras()["endoscope"].T_world_camera[:3, :3] @ IMAGE[where]
         np.testing.assert_allclose(tip[:3, :3] @ way, seen, atol=1e-9)
@@ -43,12 +43,12 @@ def test_the_tip_of_the_endoscope_has_the_axes_of_the_stereo_display(rig: str) -
 @pytest.mark.parametrize("where", DISPLAY)
 def test_a_hand_that_moves_moves_the_tool_likewise_in_the_image(bench: Bench, where: str) -> None:
     before = tip_in_image(bench.world, "PSM1")
-    hand = bench.world.arm("MTMR").measured_cp().T
+    hand = bench.world.arm("MTMR").measured_cp().matrix
     goal = hand.copy()
     goal[:3, 3] += 0.02 * np.array(DISPLAY[where])
     bench.carry("MTMR", goal)
     bench.run(0.2)
-    moved = bench.world.arm("MTMR").measured_cp().T[:3, 3] - hand[:3, 3]
+    moved = bench.world.arm("MTMR").measured_cp().matrix[:3, 3] - hand[:3, 3]
     tool = tip_in_image(bench.world, "PSM1")[:3, 3] - before[:3, 3]
     assert tool @ IMAGE[where] > 0.003
     assert tool @ IMAGE[where] == pytest.approx(0.2 * moved @ DISPLAY[where], abs=2e-5)
@@ -58,12 +58,12 @@ def test_a_hand_that_moves_moves_the_tool_likewise_in_the_image(bench: Bench, wh
 @pytest.mark.parametrize("where", DISPLAY)
 def test_a_hand_that_turns_turns_the_tool_likewise_in_the_image(bench: Bench, where: str) -> None:
     before = tip_in_image(bench.world, "PSM1")
-    hand = bench.world.arm("MTMR").measured_cp().T
+    hand = bench.world.arm("MTMR").measured_cp().matrix
     goal = hand.copy()
     goal[:3, :3] = matrix_from_rotation_vector(0.2 * np.array(DISPLAY[where])) @ hand[:3, :3]
     bench.carry("MTMR", goal)
     bench.run(0.2)
-    now, after = bench.world.arm("MTMR").measured_cp().T, tip_in_image(bench.world, "PSM1")
+    now, after = bench.world.arm("MTMR").measured_cp().matrix, tip_in_image(bench.world, "PSM1")
     hand_turned = rotation_vector_from_matrix(now[:3, :3] @ hand[:3, :3].T)
     tool_turned = rotation_vector_from_matrix(after[:3, :3] @ before[:3, :3].T)
     assert tool_turned @ IMAGE[where] > 0.1
@@ -83,7 +83,7 @@ def test_both_hands_drag_what_the_endoscope_sees(where: str, roll: float) -> Non
     bench.enable("MTML_MTMR_ECM", hand=False, wait=0.05)
     camera = world.cameras()["endoscope"].T_world_camera
     point = camera @ [0.0, 0.0, 0.1, 1.0]
-    hands = {name: world.arm(name).measured_cp().T for name in ("MTML", "MTMR")}
+    hands = {name: world.arm(name).measured_cp().matrix for name in ("MTML", "MTMR")}
     for k in range(1, 151):
         for (name, T), way in zip(hands.items(), BOTH[where], strict=True):
             goal = T.copy()

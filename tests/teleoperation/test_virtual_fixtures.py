@@ -35,7 +35,7 @@ def plane(point: np.ndarray, normal: np.ndarray, mode: Mode, frame: str = "world
 
 
 def tip(world: World) -> np.ndarray:
-    return (world.reference_pose("PSM1") @ world.arm("PSM1").local.measured_cp().T)[:3, 3]
+    return (world.reference_pose("PSM1") @ world.arm("PSM1").local.measured_cp().matrix)[:3, 3]
 
 
 def following() -> tuple[World, Loop, PsmTeleoperation]:
@@ -65,14 +65,14 @@ def test_a_master_pushes_the_hand_back_with_the_force_of_the_fixture() -> None:
     arm, normal = world.arm("MTMR"), np.array([0.6, 0.0, 0.8])
     wall = tip(world) + 0.001 * normal
     component.fixtures = Fixtures(world, [plane(wall, normal, "force")])
-    before = arm.measured_cp().T
+    before = arm.measured_cp().matrix
     loop.tick()
     # Stiffness and distance count at the master: 400 N/m * 1 mm / 0.2.
     force = before[:3, :3] @ arm.body.measured_cf().force
     expected = view_in_world(world)[:3, :3].T @ (STIFFNESS * 0.001 / 0.2 * normal)
     np.testing.assert_allclose(force, expected, atol=0.02)  # the gimbal's lock exerts some of it
     run(loop, 0.3)
-    moved = arm.measured_cp().T[:3, 3] - before[:3, 3]
+    moved = arm.measured_cp().matrix[:3, 3] - before[:3, 3]
     assert moved @ expected > 0.0
     assert normal @ (wall - tip(world)) < 3e-4
 
@@ -96,12 +96,14 @@ def test_a_filter_keeps_the_instrument_inside_wherever_the_hand_goes() -> None:
     down = view_in_world(world)[:3, :3].T @ -up
     arm = world.arm("MTMR")
     run(loop, 0.01)
-    arm.body.servo_cf([*(arm.measured_cp().T[:3, :3].T @ (4.0 * down)), 0.0, 0.0, 0.0])
-    commanded, start = [], arm.measured_cp().T[:3, 3]
+    arm.body.servo_cf([*(arm.measured_cp().matrix[:3, :3].T @ (4.0 * down)), 0.0, 0.0, 0.0])
+    commanded, start = [], arm.measured_cp().matrix[:3, 3]
     for _ in range(300):
         loop.tick()
-        commanded.append(world.reference_pose("PSM1") @ world.arm("PSM1").local.setpoint_cp().T)
-    assert (arm.measured_cp().T[:3, 3] - start) @ down * component.scale > 0.002
+        commanded.append(
+            world.reference_pose("PSM1") @ world.arm("PSM1").local.setpoint_cp().matrix
+        )
+    assert (arm.measured_cp().matrix[:3, 3] - start) @ down * component.scale > 0.002
     assert min(T[2, 3] for T in commanded) == pytest.approx(lowest, abs=1e-6)
 
 
@@ -117,14 +119,14 @@ def test_servo_cp_is_filtered_and_a_recording_repeats_it(tmp_path: Path) -> None
     base[:3, :3] = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
     base[:3, 3] = [0.1, 0.2, 0.3]
     arm.local.set_base_frame(base, "table")
-    start = T = arm.measured_cp().T
+    start = T = arm.measured_cp().matrix
     with record(world, tmp_path / "run.mcap"):
         for k in range(200):
             T = start.copy()
             T[:3, 3] += 1e-4 * k * np.array([0.5, 0.0, -1.0])
             loop.post(Command("PSM1", "servo_cp", {"T": T}))
             loop.tick()
-    commanded = arm.local.setpoint_cp().T[:3, 3]
+    commanded = arm.local.setpoint_cp().matrix[:3, 3]
     assert start[2, 3] - 0.3 - 0.02 < -0.09  # it would have gone below
     assert commanded[2] == pytest.approx(-0.09, abs=1e-9)
     assert commanded[1] == pytest.approx((np.linalg.inv(base) @ T)[1, 3], abs=1e-9)

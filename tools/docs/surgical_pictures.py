@@ -39,12 +39,12 @@ def main(words: list[str]) -> None:
     (needle,) = (prop.needle for prop in world.rig.objects if prop.needle is not None)
     for name, (at, jaw) in TIPS.items():
         arm = world.arms[name]
-        T = transform(arm.measured_cp("world").T[:3, :3], at)
+        T = transform(arm.measured_cp("world").matrix[:3, :3], at)
         q = arm.joints.positions()
         local = inverse(world.reference_pose(name)) @ T
         world.set_state(name, np.append(arm.local.inverse_kinematics(local, q[:-1]), jaw))
     held = held_pose(needle, np.random.default_rng(5))
-    T_needle = world.arms["PSM1"].measured_cp("world").T @ held
+    T_needle = world.arms["PSM1"].measured_cp("world").matrix @ held
     ground, thread = tissue(), run_of_thread((T_needle @ needle.swage)[:3, 3])
     world.draw("tissue", lambda: ground)
     world.draw("thread", lambda: thread)

@@ -141,7 +141,7 @@ def _link(arm: Arm, q: Array) -> Array:
             f"got {len(q)} numbers in jp; allowed: up to {own}, for {', '.join(names)}"
         )
     if len(q) == own:
-        return inverse(arm.local.base_frame()[0]) @ arm.forward_kinematics(q).T
+        return inverse(arm.local.base_frame()[0]) @ arm.forward_kinematics(q).matrix
     return link_pose(arm.description.mechanism, arm.description.inverse_kinematics, q)
 
 

@@ -269,7 +269,7 @@ class Arm:
         except InputError as problem:
             run.control.rejections.reject("servo_cr", "pose", str(problem))
             return False
-        goal = run.tip.setpoint().T
+        goal = run.tip.setpoint().matrix
         goal = transform(change[:3, :3] @ goal[:3, :3], goal[:3, 3] + change[:3, 3])
         q = run.tip.solved(goal, "servo_cr")
         return q is not None and run.ended(run.control.servo(q, None, run.own, "servo_cr"))
@@ -389,7 +389,7 @@ class Arm:
         """
         base, frame = self.local.base_frame()
         pose = self.local.forward_kinematics(q)
-        return Pose(base @ pose.T, frame, pose.time)
+        return Pose(base @ pose.matrix, frame, pose.time)
 
     def inverse_kinematics(self, T: ArrayLike, seed: ArrayLike | None = None) -> Array:
         """Compute the joint positions nearest to a seed that bring the tip to a pose, (n,).

@@ -197,7 +197,7 @@ class ForceControl:
             self._control.rejections.reject(verb, "", "only masters can")
             return False
         try:
-            orientation = self._tip.measured().T[:3, :3] if R is None else check_orientation(R)
+            orientation = self._tip.measured().matrix[:3, :3] if R is None else check_orientation(R)
         except TrocarError as problem:
             self._control.rejections.reject(verb, "", str(problem))
             return False

@@ -120,7 +120,7 @@ class SceneObject:
         """Return the velocity of its frame's origin and its rotation, in axes of the world."""
         _, twists = self._kinematics.motion(self._data.qpos, self._data.qvel)
         twist = twists[self._index]
-        turn = self.measured_cp().T[:3, :3]
+        turn = self.measured_cp().matrix[:3, :3]
         return Twist(twist[:3].copy(), turn @ twist[3:], FRAME, float(self._data.time))
 
     def measured_js(self) -> JointState:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,16 +33,19 @@ class JointState(NamedTuple):
 
 
 class Pose(NamedTuple):
-    """A pose T (4, 4) in the frame `frame_id` at a time [s]."""
+    """A pose, `matrix` (4, 4), in the frame `frame_id` at a time [s]."""
 
-    T: Array
+    matrix: Array
     frame_id: str
     time: float
 
-    @property
-    def matrix(self) -> Array:
-        """T, (4, 4)."""
-        return self.T
+    if not TYPE_CHECKING:  # a former name, for one more release
+
+        @property
+        def T(self) -> Array:
+            """The matrix."""
+            warnings.warn("Pose.T is Pose.matrix now", DeprecationWarning, stacklevel=2)
+            return self.matrix
 
 
 class Twist(NamedTuple):

@@ -82,7 +82,7 @@ class Tip:
             return Pose(self._seen(own, frame), frame, time)
         if self.placed is not None or not frames.follows(self._name):
             base, named = self.base_frame()
-            return Pose(base @ self.local_measured().T, named, time)
+            return Pose(base @ self.local_measured().matrix, named, time)
         T, named = frames.public(self._name, self._clock.reference_arm)
         return Pose(T, named, time)
 
@@ -94,11 +94,11 @@ class Tip:
         """Return the pose at the set-points, otherwise as `measured`."""
         frames, time = self._clock.frames, self._clock.time
         if frame:
-            there = frames.reference_pose(self._name) @ self.local_setpoint().T
+            there = frames.reference_pose(self._name) @ self.local_setpoint().matrix
             return Pose(self._seen(there, frame), frame, time)
         if self.placed is not None or not frames.follows(self._name):
             base, named = self.base_frame()
-            return Pose(base @ self.local_setpoint().T, named, time)
+            return Pose(base @ self.local_setpoint().matrix, named, time)
         setpoint = self._control.motors.position
         T, named = frames.public_at(self._name, setpoint, self._clock.reference_arm)
         return Pose(T, named, time)
@@ -144,7 +144,7 @@ class Tip:
 
     def local_twist(self) -> Array:
         """Return (linear; angular) of the tip in axes of its own reference frame, (6,)."""
-        R, qd = self.local_measured().T[:3, :3], self._control.motors.read()[1]
+        R, qd = self.local_measured().matrix[:3, :3], self._control.motors.read()[1]
         return turned(R, self._jacobian("body").dot(qd))
 
     def twist(self) -> Twist:
@@ -182,7 +182,7 @@ class Tip:
         return TipState(
             q[self.own],
             qd[self.own],
-            self.measured().T,
+            self.measured().matrix,
             self.base_frame()[0],
             self.jacobian("body"),
             self.jacobian("spatial"),
@@ -305,7 +305,7 @@ class Tip:
         return self._clock.frames.tip_pose(self._name)
 
     def _placed_world(self) -> Array:
-        return self._clock.frames.reference_pose(self._name) @ self.local_measured().T
+        return self._clock.frames.reference_pose(self._name) @ self.local_measured().matrix
 
     def _seen(self, T: Array, frame: str) -> Array:
         """Return a pose in the world (4, 4) in a named frame."""

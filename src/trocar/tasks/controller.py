@@ -117,7 +117,7 @@ class TipController:
         for name, driven in self._driven.items():
             self._joints[name] = driven.arm.joints.setpoints()
             if driven.arm.description.type == "PSM":
-                self._targets[name] = driven.arm.measured_cp("world").T
+                self._targets[name] = driven.arm.measured_cp("world").matrix
         self.stalled = dict.fromkeys(self.arms, 0.0)
         self.stalls.clear()
 

@@ -91,7 +91,9 @@ class Referee:
         self.grip = dict.fromkeys(self._arms, 0.0)
         self.time = 0.0
         self.held: dict[str, str] = {}
-        self.tips = {name: arm.measured_cp("world").T[:3, 3] for name, arm in self._arms.items()}
+        self.tips = {
+            name: arm.measured_cp("world").matrix[:3, 3] for name, arm in self._arms.items()
+        }
 
     def read(self) -> None:
         """Read objects, grasps, forces and tips, and count drops; once in every period."""
@@ -108,7 +110,7 @@ class Referee:
         if before or self._fell_from:
             self._count_drops(set(before.values()), set(self.held.values()))
         for name, arm in self._arms.items():
-            tip = arm.measured_cp("world").T[:3, 3]
+            tip = arm.measured_cp("world").matrix[:3, 3]
             self.distance[name] += math.dist(tip.tolist(), self.tips[name].tolist())
             self.tips[name] = tip
 
@@ -176,7 +178,9 @@ class Referee:
         if goal.arm and not goal.held:
             tip = self.tips.get(goal.arm)
             off = (
-                self._world.arms[goal.arm].measured_cp("world").T[:3, 3] if tip is None else tip
+                self._world.arms[goal.arm].measured_cp("world").matrix[:3, 3]
+                if tip is None
+                else tip
             ) - at
             if goal.object:
                 off -= self.states.positions[self._rows[goal.object]]
@@ -199,7 +203,7 @@ class Referee:
         """
         if not goal.on:
             return at
-        T = self._world.object(goal.on).measured_cp().T
+        T = self._world.object(goal.on).measured_cp().matrix
         return T[:3, :3] @ at + T[:3, 3]
 
     def position(self, name: str) -> Array:

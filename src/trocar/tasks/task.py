@@ -178,7 +178,7 @@ class Task:
             arm = self.world.arms[name]
             q = arm.joints.positions()
             if arm.description.type == "PSM":
-                T = arm.measured_cp("world").T
+                T = arm.measured_cp("world").matrix
                 found[name] = np.concatenate([T[:3, 3], quaternion_from_matrix(T[:3, :3]), q[-1:]])
             else:
                 found[name] = q
@@ -258,7 +258,7 @@ class Task:
 
     def object_pose(self, name: str) -> Array:
         """Return an object's pose in the world now, (4, 4)."""
-        return self.world.object(name).measured_cp().T
+        return self.world.object(name).measured_cp().matrix
 
     def stay(self) -> Array:
         """Return the action that holds all arms."""

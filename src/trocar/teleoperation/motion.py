@@ -138,7 +138,7 @@ class MotionPlayer:
         world, self._time = self._engine.world, 0.0
         for name in self._names:
             base = world.reference_pose(name)
-            self._from[name] = base @ world.arm(name).local.measured_cp().T
+            self._from[name] = base @ world.arm(name).local.measured_cp().matrix
 
     def _pinch(self, *, shut: bool) -> None:
         for name in self._names:

@@ -51,7 +51,7 @@ def view_in_world(world: World) -> Array:
             return seen @ transform(R_IMAGE_VIEW, np.zeros(3))
     for name, arm in world.arms.items():
         if arm.description.type == "ECM":
-            return world.reference_pose(name) @ arm.local.measured_cp().T
+            return world.reference_pose(name) @ arm.local.measured_cp().matrix
     return transform(R_WORLD_VIEW, np.zeros(3))
 
 

@@ -115,7 +115,7 @@ class Fixtures:
             return np.eye(4)
         if name in self._world.arms:
             return self._world.reference_pose(name)
-        return self._world.object(name).measured_cp().T
+        return self._world.object(name).measured_cp().matrix
 
 
 def _moved(T: Array, p: Array) -> Array:

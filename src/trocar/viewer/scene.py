@@ -305,7 +305,7 @@ class ToolFrames:
 def tips_of(world: World) -> dict[str, Floats]:
     """Return the tip of every arm in the world, T_world_tip (4, 4); call it through `Loop.ask`."""
     return {
-        name: world.reference_pose(name) @ arm.local.measured_cp().T
+        name: world.reference_pose(name) @ arm.local.measured_cp().matrix
         for name, arm in world.arms.items()
         if arm.description.type in ("PSM", "ECM", "MTM")
     }

@@ -76,7 +76,7 @@ def test_a_published_ecm_stays_trocar_s_own(tmp_path: Path) -> None:
 def test_the_camera_looks_out_of_the_tip(tmp_path: Path, scope: str) -> None:
     world = World(imported(tmp_path, scope).rig)
     camera = world.camera("endoscope").T_world_camera
-    tip = world.reference_pose("ECM") @ world.arm("ECM").local.measured_cp().T
+    tip = world.reference_pose("ECM") @ world.arm("ECM").local.measured_cp().matrix
     np.testing.assert_allclose(camera[:3, 3], tip[:3, 3], atol=1e-9)
     np.testing.assert_allclose(camera[:3, :2], -tip[:3, :2], atol=1e-9)  # right and down: -x, -y
     np.testing.assert_allclose(camera[:3, 2], tip[:3, 2], atol=1e-9)
@@ -95,7 +95,7 @@ def test_arms_beside_a_bent_scope_are_seen_from_its_tip(tmp_path: Path) -> None:
     expected = (
         np.linalg.inv(row @ tip_of("Custom_UP")) @ lab.base(setups["PSM1"], q["SUJ_PSM1"]) @ tip
     )
-    np.testing.assert_allclose(world.arm("PSM1").measured_cp().T, expected, atol=1e-6)
+    np.testing.assert_allclose(world.arm("PSM1").measured_cp().matrix, expected, atol=1e-6)
 
 
 def test_the_comparison_sees_a_tip_that_is_not_the_endoscope_s(tmp_path: Path) -> None:

@@ -105,8 +105,8 @@ def test_the_rig_is_simulated_and_its_poses_are_the_dvrk_s(tmp_path: Path, gener
             seen = np.linalg.inv(scope) @ lab.base(setups[name], q[f"SUJ_{name}"]) @ tip
             told = world.arm(name).measured_cp()
             assert told.frame_id == "ECM"
-            np.testing.assert_allclose(told.T, seen, atol=1e-6)
-        told = world.arm("ECM").measured_cp().T
+            np.testing.assert_allclose(told.matrix, seen, atol=1e-6)
+        told = world.arm("ECM").measured_cp().matrix
         np.testing.assert_allclose(told, scope, atol=1e-6)
         before = world.arm("PSM1").joints.readings()[0]
         world.arm("PSM1").servo_jp(before[:6] + np.array([0.05, 0.05, 0.01, 0.2, 0.1, 0.1]))

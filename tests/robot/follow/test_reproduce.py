@@ -69,7 +69,7 @@ def test_states_faults_and_periodic_laws_are_repeated(tmp_path: Path) -> None:
         arm.enable()
         arm.home().wait()
         springs = HalfPlaneGains(p=np.full(3, -200.0), d=np.full(3, -5.0))
-        here = arm.measured_cp().T
+        here = arm.measured_cp().matrix
         arm.forces.servo_ci(
             CartesianImpedance(
                 here[:3, 3] + 0.01,

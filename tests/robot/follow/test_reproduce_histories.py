@@ -160,7 +160,7 @@ class History:
         if verb == "servo_ci":
             gains = HalfPlaneGains(p=np.full(3, -50.0), d=np.full(3, -5.0))
             arm.forces.servo_ci(
-                CartesianImpedance(arm.measured_cp().T[:3, 3], position_positive=gains)
+                CartesianImpedance(arm.measured_cp().matrix[:3, 3], position_positive=gains)
             )
         else:
             size = 6 if verb == "forces.servo_cf" else arm.description.own_joints
@@ -199,7 +199,7 @@ class History:
         free = [found for found in self.world.objects.values() if found.description.joint is None]
         if free:
             found = self.pick(free)
-            T = found.measured_cp().T.copy()
+            T = found.measured_cp().matrix.copy()
             T[:3, 3] += self.rng.uniform([-0.005, -0.005, 0.0], [0.005, 0.005, 0.01])
             found.set_cp(T)
 

@@ -220,7 +220,7 @@ def test_the_thread_is_drawn_with_its_length_from_the_needle_on(world: World) ->
     assert isinstance(curve, DrawnCurve)
     long = np.linalg.norm(np.diff(curve.points, axis=0), axis=1).sum()
     assert long == pytest.approx(tissue.tissue.thread.length, rel=0.05)
-    swage = world.objects["needle"].measured_cp().T @ [*tissue.tissue.wire.swage[:3, 3], 1.0]
+    swage = world.objects["needle"].measured_cp().matrix @ [*tissue.tissue.wire.swage[:3, 3], 1.0]
     assert curve.points[0] == pytest.approx(swage[:3], abs=2e-4)
 
 

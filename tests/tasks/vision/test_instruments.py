@@ -29,7 +29,7 @@ def test_a_tip_3_mm_beside_its_prediction_is_found_within_2_pixels() -> None:
     frame = scope.capture()
     eyes, right = frame.calibration, frame.right
     assert isinstance(eyes, StereoCalibration) and right is not None
-    tip = world.arms["PSM1"].measured_cp("world").T
+    tip = world.arms["PSM1"].measured_cp("world").matrix
     truth = inverse(frame.T_world_camera[0]) @ tip @ [0.0, 0.0, 0.005, 1.0]
     # The hand-eye error turns and moves what is seen about the tip.
     error = transform(matrix_from_rotation_vector([0.01, -0.015, 0.01]), [2e-3, -1.5e-3, 1.5e-3])
@@ -71,7 +71,7 @@ def test_a_tip_3_mm_beside_its_prediction_is_found_within_2_pixels() -> None:
 @pytest.mark.parametrize("style", ["plain", "surgical"])
 def test_a_green_dot_on_an_instrument_is_found_in_both_eyes(style: Literal["plain"]) -> None:
     world = World(load_rig("training"))
-    tip = world.arms["PSM1"].measured_cp("world").T
+    tip = world.arms["PSM1"].measured_cp("world").matrix
     sight = world.camera("endoscope").T_world_camera[:3, 2]
     dot = tip[:3, 3] - 0.012 * sight  # in front of the jaws
     across = np.cross(sight, [1.0, 0.0, 0.0])

@@ -170,12 +170,12 @@ def test_overlays_of_mirrored_arms_lie_where_the_robots_own_camera_has_them() ->
     at = robot.camera("endoscope").T_world_eyes[1]
     line = at @ [[-0.005, 0.008], [0.002, -0.003], [0.08, 0.09], [1.0, 1.0]]
     true = View(eyes.eyes[1], at).pixels(line[:3].T).mean(axis=0)
-    on_tool = inverse(robot.arms["PSM1"].measured_cp("world").T) @ line
+    on_tool = inverse(robot.arms["PSM1"].measured_cp("world").matrix) @ line
     image = np.zeros((eyes.eyes[1].height, eyes.eyes[1].width, 3), np.uint8)
 
     def drawn() -> float:
         """Return by how much the middle of a curve on the twin's tool is off in the image [px]."""
-        ends = twin.arms["PSM1"].measured_cp("world").T @ on_tool
+        ends = twin.arms["PSM1"].measured_cp("world").matrix @ on_tool
         view = View(eyes.eyes[1], twin.camera("endoscope").T_world_eyes[1])
         shown = overlaid(image, view, [Curve(ends[:3].T, (255, 255, 255), 1)])[..., 0].astype(float)
         v, u = np.nonzero(shown)

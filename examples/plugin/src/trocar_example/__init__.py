@@ -35,4 +35,4 @@ class Lift:
 
     def done(self, world) -> bool:
         """Return whether the dumbbell has been lifted."""
-        return bool(world.object("dumbbell").measured_cp().T[2, 3] > 0.05)
+        return bool(world.object("dumbbell").measured_cp().matrix[2, 3] > 0.05)

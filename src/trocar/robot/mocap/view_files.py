@@ -185,7 +185,7 @@ def draw_views(
     for i, seen in enumerate(made.seen):
         for arm in (ecm, psm):
             world.set_state(arm, made.q[arm][i])
-        left = world.reference_pose(ecm) @ world.arm(ecm).forward_kinematics(made.q[ecm][i]).T
+        left = world.reference_pose(ecm) @ world.arm(ecm).forward_kinematics(made.q[ecm][i]).matrix
         world.object(NAME).set_cp(left @ made.left @ seen)
         frame = scope.capture()
         if frame.right is not None:

@@ -272,10 +272,12 @@ def drifts(
             world.set_state(name, rng.uniform(arm.joints.lower, arm.joints.upper))
             arm.joints.set_mode("effort")
             arm.servo_jf(np.zeros(len(arm.measured_js().position)))
-        before = {name: arm.local.measured_cp().T[:3, 3] for name, arm in world.arms.items()}
+        before = {name: arm.local.measured_cp().matrix[:3, 3] for name, arm in world.arms.items()}
         world.step(round(seconds / world.timestep))
         for name, arm in world.arms.items():
-            found.append(float(np.linalg.norm(arm.local.measured_cp().T[:3, 3] - before[name])))
+            found.append(
+                float(np.linalg.norm(arm.local.measured_cp().matrix[:3, 3] - before[name]))
+            )
     return found
 
 

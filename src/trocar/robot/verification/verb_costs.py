@@ -89,7 +89,7 @@ def _verbs(name: str, limits: Sequence[float | None]) -> list[Figure]:
     arm = world.arm("PSM1")
     q = np.array([0.1, 0.1, 0.13, 0.1, 0.1, 0.1])
     arm.servo_jp(q)
-    T = arm.setpoint_cp().T
+    T = arm.setpoint_cp().matrix
     actions: dict[str, Action] = {
         "servo_jp": lambda: arm.servo_jp(q),
         "measured_js": arm.measured_js,
@@ -213,9 +213,9 @@ def _moving(world: World, size: float = 0.02, model: mujoco.MjModel | None = Non
 def holding_a_block() -> World:
     """Return the rig `pegs` with a block in the jaws of PSM1, off the board."""
     world = _plain("pegs")
-    arm, at = world.arm("PSM1"), world.object("block2").measured_cp().T[:3, 3]
+    arm, at = world.arm("PSM1"), world.object("block2").measured_cp().matrix[:3, 3]
     cart = world.reference_pose("PSM1")
-    down = (cart @ arm.local.measured_cp().T)[:3, :3]
+    down = (cart @ arm.local.measured_cp().matrix)[:3, :3]
 
     def go(height: float) -> None:
         T = transform(down, at + np.array([0.0, 0.0, height]))

@@ -45,7 +45,7 @@ class Reach(Task):
         """Yield joint velocities that bring an endoscope's tip to a place, (3,) [m]."""
         scope = self.world.arms[arm]
         while not self.done:
-            error = at - scope.measured_cp("world").T[:3, 3]
+            error = at - scope.measured_cp("world").matrix[:3, 3]
             yield self.joint_rates(arm, lambda T: T[:3, 3], error)
 
     def joint_rates(self, arm: str, value: Callable[[Array], Array], error: Array) -> Array:
@@ -76,7 +76,7 @@ class Track(Reach):
 
     def met(self, goal: Goal, at: Array) -> bool:
         """Return whether the axis passes near a place that lies ahead."""
-        seen = self.seen(self.world.arms[goal.arm].measured_cp("world").T, at)
+        seen = self.seen(self.world.arms[goal.arm].measured_cp("world").matrix, at)
         return bool(seen[2] > 0.0 and np.hypot(seen[0], seen[1]) <= goal.radius)
 
     @staticmethod
@@ -92,7 +92,7 @@ class Track(Reach):
     def _follow(self, arm: str) -> Motion:
         while not self.done:
             at = self.goals[0][1]
-            here = self.seen(self.world.arms[arm].measured_cp("world").T, at)[:2]
+            here = self.seen(self.world.arms[arm].measured_cp("world").matrix, at)[:2]
             yield self.joint_rates(arm, lambda T, at=at: self.seen(T, at)[:2], -here)
 
 

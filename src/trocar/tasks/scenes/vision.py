@@ -117,7 +117,7 @@ class EndoscopeTask(Task):
 
     def _measured(self, arm: str) -> Array:
         """Return an arm's tip in the world as its joints have it, (4, 4)."""
-        return self.world.reference_pose(arm) @ self.world.arms[arm].local.measured_cp().T
+        return self.world.reference_pose(arm) @ self.world.arms[arm].local.measured_cp().matrix
 
     def picture(self, capture: Callable[[], Picture]) -> Picture:  # noqa: ARG002  it has its own
         """Return the newest image with what is drawn into it."""

@@ -407,7 +407,7 @@ def make_plan(
     """
     needle = tissue.wire
     scopes = [
-        (arm.measured_cp("world").T[:3, 3], world.remote_centres()[name])
+        (arm.measured_cp("world").matrix[:3, 3], world.remote_centres()[name])
         for name, arm in world.arms.items()
         if arm.description.type == "ECM"
     ]

@@ -87,7 +87,7 @@ class Watch:
             score.gap_before_mm = 1e3 * float(read.gaps[number, 0])
         score.time_s = world.time - self._since
         if np.isnan(score.angle_deg) and read.passed[number, 0]:
-            T = world.objects[self.tissue.tissue.needle].measured_cp().T
+            T = world.objects[self.tissue.tissue.needle].measured_cp().matrix
             into = T[:3, :3] @ self.needle.tip[:3, 1] @ self.tissue.pose[:3, 2]
             score.angle_deg = float(np.degrees(np.arcsin(min(1.0, abs(into)))))
         moved = np.linalg.norm(read.displacements[:, :4], axis=2).max()
@@ -121,8 +121,8 @@ class Watch:
             if grasp.load == 0.0 or self.world.arms[arm].joints.setpoints()[-1] > 0.0:
                 self._held.pop(arm, None)  # it presses, but does not hold yet, or lets go
                 continue
-            needle = self.world.objects[grasp.object].measured_cp().T
-            held = inverse(self.world.arms[arm].measured_cp("world").T) @ needle
+            needle = self.world.objects[grasp.object].measured_cp().matrix
+            held = inverse(self.world.arms[arm].measured_cp("world").matrix) @ needle
             if arm not in self._held:
                 self._held[arm] = held
                 score.tries += 1

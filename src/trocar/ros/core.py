@@ -265,7 +265,8 @@ class Core:
             sent = stamp(message) if topic.stamped else None
             if sent is not None:
                 self._stamps.check((topic.name, peer), sent, self.loop.now)
-            found = topic.read(message, self._arms[topic.arm].description if topic.arm else None)
+            arm = self._arms[topic.arm].runtime if topic.arm else None
+            found = topic.read(message, arm.description if arm else None)
             for command in (found,) if isinstance(found, Command) else found:
                 if peer and command.arm in self._arms and command.verb not in AT_ONCE:
                     others = self.loop.commanders.claim(command.arm, peer)

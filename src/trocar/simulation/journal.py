@@ -89,7 +89,8 @@ class Journal:
     def command(self, source: str, name: str, values: dict[str, object]) -> None:
         """Enter a command, and keep it."""
         for key, value in values.items():
-            values[key] = _copied(value)
+            if type(value) not in PLAIN:
+                values[key] = _copied(value)
         if not self.past.incomplete:
             self.past.keep(self.period, self.time, source, name, values)
         if self.listeners:

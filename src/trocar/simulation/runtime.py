@@ -137,7 +137,13 @@ class ArmRuntime:
     @property
     def active(self) -> bool:
         """Whether set-points or efforts change from step to step."""
-        return self.control.moves.active or self.states.homing is not None or self.forces.active
+        moves, forces = self.control.moves, self.forces
+        return (
+            bool(moves.legs or forces.controllers)
+            or moves.drift is not None
+            or forces.expiry is not None
+            or self.states.homing is not None
+        )
 
     def follow(self, time: float) -> None:
         """Advance the set-points of moves to a time, and renew the efforts of controllers."""

@@ -991,8 +991,14 @@ class World:
     def _attend(self) -> None:
         """Find, after commands, which arms move and what acts before the next physics steps."""
         self._attended = self.journal.revision
-        self._moving = [arm for arm in self.arms.values() if arm.runtime.active]
-        acts: list[Act] = [p.before_step for p in self.parts.values() if p.before_every == 1]
+        self._moving: list[Arm] = []
+        for arm in self.arms.values():  # loops: a comprehension is one more call
+            if arm.runtime.active:
+                self._moving.append(arm)
+        acts: list[Act] = []
+        for part in self.parts.values():
+            if part.before_every == 1:
+                acts.append(part.before_step)
         if np.count_nonzero(self.servos.computed):
             acts.insert(0, self.servos.compute_torque)
         #: Physics steps between two calls of what acts.

@@ -162,8 +162,9 @@ class TipController:
             driven = self._driven[name]
             arm, own = driven.arm, driven.own
             arm.servo_jp(q[:own], v[:own])
-            if len(q) > own and arm.jaw is not None:
-                arm.jaw.servo_jp(q[own:], v[own:])
+            jaw = arm.jaw if len(q) > own else None
+            if jaw is not None:
+                jaw.servo_jp(q[own:], v[own:])
 
     # ------------------------------------------------------------------ looking
 

@@ -95,4 +95,4 @@ def test_what_is_no_gain_is_refused_on_the_arms_topic(served: Any, value: object
 def test_other_parameters_are_nothing_to_it(served: Any, key: str) -> None:
     _, cache = started(served, Server())
     cache.notifier(key, 1.0)
-    assert served.world.arm("PSM1").gains("yaw")[0] != 1.0
+    assert served.world.arm("PSM1").joints.gains("yaw")[0] != 1.0

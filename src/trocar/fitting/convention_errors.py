@@ -1,4 +1,4 @@
-"""Why two bodies on a hinge seem not to turn about an axis: slips of a file's conventions."""
+"""Errors in a file's conventions that make two bodies on a hinge seem not to turn about an axis."""
 
 from __future__ import annotations
 

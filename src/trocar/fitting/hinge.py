@@ -60,14 +60,14 @@ class HingeModel:
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """How the samples differ from a model, along the axes of its hinge frame before the turn.
+    """Differences of the samples from a model, along the axes of its hinge frame before the turn.
 
     Attributes:
         eps: rotation, (n, 3) [rad]
         shift: position, p - p_model, (n, 3) [m]
         y: position made independent of the rotation, (n, 3) [m]
         p: the model's place of b from a, (n, 3) [m]
-        lever: what a turn about the axes through the hinge moves y by, (n, 3) [m]
+        lever: displacement of y per turn about the axes through the hinge, (n, 3) [m]
     """
 
     eps: Array

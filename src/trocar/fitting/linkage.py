@@ -52,21 +52,21 @@ class SharedHinge:
 
     @property
     def rows(self) -> list[int]:
-        """Which of (shift x, y, z; turn x, y) in the hinge's frame have to vanish."""
+        """Return the indices of the vanishing (shift x, y, z; turn x, y) in the hinge's frame."""
         return [0, 1] if self.pin else [0, 1, 2, 3, 4]
 
     @property
     def columns(self) -> list[int]:
-        """Which of the nine coordinates of `HingeModel.moved` are free."""
+        """Return the indices of the free ones of the nine coordinates of `HingeModel.moved`."""
         return [0, 1, 5, 6] if self.pin else list(range(FREE))
 
 
 @dataclass(frozen=True, eq=False)
 class _Conditions:
-    """What should vanish in some samples, and how poses and axes change it.
+    """Conditions that should vanish in some samples, and their derivatives.
 
     Attributes:
-        f: in the hinges' frames, (k, rows) [m; rad]
+        f: values in the hinges' frames, (k, rows) [m; rad]
         by_pose: derivative with the poses' noise, in deviations of it, (k, rows, 6 bodies)
         by_axis: derivative with the axes, (k, rows, columns)
     """

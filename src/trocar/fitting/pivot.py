@@ -94,7 +94,7 @@ class PivotFit:
 
 @dataclass(frozen=True, eq=False)
 class RestPose:
-    """Where a body rests.
+    """Mean pose of a body at rest.
 
     Attributes:
         pose: in the camera's frame, (4, 4)
@@ -310,7 +310,7 @@ def _condition(R: Array) -> float:
 
 
 def _levers(x: Array, R: Array, p: Array) -> tuple[Array, Array]:
-    """Return what the body's and the frame's rotation move the point by, (n, 3, 3) each."""
+    """Return the point's derivatives by the body's and the frame's rotation, (n, 3, 3) each."""
     return -R @ skew(x[:3]), skew(R @ x[:3] + p)
 
 

@@ -28,9 +28,9 @@ _UNMOVED = 1e-12
 # Source: our choice; 5 medians are 5.9 sigma of a residual with two components.
 _FAR = 5.0
 _ROUNDS = 12
-#: What misses a point by less is no gross outlier, however well the rest has it: real remote
-#: centres wander by up to 3.7 mm, and a mistaken marker is centimetres off. Source: closed-loop
-#: paper, Table 7; the rest our choice. [m]
+#: Smallest distance of a gross outlier from a point, however small the others' distances: real
+#: remote centres wander by up to 3.7 mm, and a mistaken marker is centimetres off. Source:
+#: closed-loop paper, Table 7; the rest our choice. [m]
 GROSS_M = 5e-3
 # Source: our choice; of normal noise one sample in 10^8 is beyond 3.5 times what 70 % are within,
 # of a point that wanders smoothly none. Up to 30 % of outliers are found.

@@ -88,10 +88,11 @@ def inverse_kinematics(
 
     Args:
         mechanism: the arm; joints after those of the structure (a jaw) stay at 0
-        structure: how it is built: "rcm_arm", "rcm_scope" or "gimbal_arm"
+        structure: its type: "rcm_arm", "rcm_scope" or "gimbal_arm"
         T: pose of the tip in the mechanism's reference frame, (4, 4)
-        seed: solutions come nearest to it first, (n,) [rad or m]; None is the middle of the
-            limits. Distance as in `solutions.nearest_first`: each joint in shares of its range
+        seed: solutions are sorted by their distance from it, (n,) [rad or m]; default: the middle
+            of the limits. Distance as in `solutions.nearest_first`: each joint relative to its
+            range
         platform_angle: of a gimbal arm's wrist platform [rad]; None makes trocar's own choice
 
     Returns:
@@ -101,7 +102,7 @@ def inverse_kinematics(
     Raises:
         UnreachableError: no solution inside the limits; says what is in the way, by how much
         SingularError: joints are not determined at this pose
-        InputError: a pose, seed or angle that is none, or a mechanism that is not built so
+        InputError: an invalid pose, seed or angle, or a mechanism of another structure
     """
     fit = fit_chain(mechanism, structure)
     pose = check_transform(T)

@@ -82,9 +82,9 @@ def inverse_gimbal_arm(
         geometry: lengths of the arm
         T: pose of the handle in frame 0, (4, 4)
         lower, upper: joint limits, (7,) [rad]
-        seed: solutions come nearest to it first, (7,); None is the middle of the limits. Distance
-            as in `solutions.nearest_first`: each joint in shares of its range
-        platform_angle: wrist platform [rad]; None makes trocar's own choice
+        seed: solutions are sorted by their distance from it, (7,); default: the middle of the
+            limits. Distance as in `solutions.nearest_first`: each joint relative to its range
+        platform_angle: wrist platform [rad]; default: trocar's own choice
 
     Returns:
         (k, 7) [rad], k >= 1; every whole turn that the limits leave room for is there
@@ -94,7 +94,7 @@ def inverse_gimbal_arm(
             limit is passed, by how much)
         SingularError: the gimbal's outer and inner axes are parallel, or its centre is on the axis
             of the outer yaw
-        InputError: a pose, limit, seed or angle that is none
+        InputError: an invalid pose, limit, seed or angle
     """
     pose = check_transform(T)
     joints = joint_range(JOINTS, SLIDES, lower, upper)

@@ -145,8 +145,8 @@ def inverse_rcm_arm(
         geometry: lengths of the arm and its tool
         T: pose of the tip in frame 0, the remote centre, (4, 4)
         lower, upper: joint limits, (6,) [rad, insertion m]
-        seed: solutions come nearest to it first, (6,); None is the middle of the limits. Distance
-            as in `solutions.nearest_first`: each joint in shares of its range
+        seed: solutions are sorted by their distance from it, (6,); default: the middle of the
+            limits. Distance as in `solutions.nearest_first`: each joint relative to its range
 
     Returns:
         (k, 6) [rad, insertion m], k >= 1; every whole turn that the limits leave room for is there
@@ -156,7 +156,7 @@ def inverse_rcm_arm(
         SingularError: every solution inside the limits has joints that are not determined: the
             wrist pitch axis within 1 mm of the remote centre, the tip on the wrist yaw axis's
             parallel through the remote centre, or the shaft along the yaw axis
-        InputError: a pose, limit or seed that is none
+        InputError: an invalid pose, limit or seed
     """
     pose = check_transform(T)
     joints = joint_range(JOINTS, SLIDES, lower, upper)
@@ -321,8 +321,8 @@ def inverse_rcm_scope(
         geometry: lengths of the arm
         T: pose of the tip in frame 0, the remote centre, (4, 4)
         lower, upper: joint limits, (4,) [rad, insertion m]
-        seed: solutions come nearest to it first, (4,); None is the middle of the limits. Distance
-            as in `solutions.nearest_first`: each joint in shares of its range
+        seed: solutions are sorted by their distance from it, (4,); default: the middle of the
+            limits. Distance as in `solutions.nearest_first`: each joint relative to its range
 
     Returns:
         (k, 4) [rad, insertion m], k >= 1; every whole turn that the limits leave room for is there
@@ -331,7 +331,7 @@ def inverse_rcm_scope(
         UnreachableError: the direction misses by more than 1e-6 rad (by how much), or no solution
             is inside the limits (which limit is passed, by how much)
         SingularError: the scope lies along the yaw axis
-        InputError: a pose, limit or seed that is none
+        InputError: an invalid pose, limit or seed
     """
     pose = check_transform(T)
     joints = joint_range(JOINTS[:SCOPE_JOINTS], SLIDES[:SCOPE_JOINTS], lower, upper)

@@ -25,8 +25,8 @@ Array = NDArray[np.float64]
 #: there 48 terms leave 1e-13 rad (measured on a calibrated PSM).
 TERMS = 48
 ORDERS = np.arange(TERMS)
-#: How far beyond its limits, in shares of its range, a joint is still in the table: a simulated one
-#: passes them by a little. Source: our own choice.
+#: Margin of the table beyond a joint's limits, relative to its range: a simulated joint passes them
+#: by a little. Source: our own choice.
 MARGIN = 0.02
 
 
@@ -303,7 +303,7 @@ class Flattening:
         closure: name of the closing point
         joint: the joint that folds the loop
         below, above: joint positions of the nearest singularity on either side [rad]; -inf, inf
-            when there is none within half a turn
+            without one within half a turn
         margin: smallest distance from the joint's range, negative inside it [rad]
     """
 

@@ -72,8 +72,8 @@ class Closure:
         passive: the two frames whose coordinates this hinge determines; where its pin may slide
             along its axis, the frame of the pin comes third
         guard: two frames that turn alike when the loop is a parallelogram, or ()
-        open: whether the hinge has come apart, for whoever simulates; what is computed here is
-            always the closed linkage
+        open: whether the hinge has come apart, for simulations; kinematics always take the linkage
+            as closed
     """
 
     name: str

@@ -44,8 +44,8 @@ WRONG_M = 5e-3
 #: Or whose rotation is this far from any. Source: our own choice, as above. [rad]
 WRONG_RAD = 0.05
 
-#: So many neighbouring angles are averaged. Source: our own choice; 0.04 s at 120 Hz, in which a
-#: sweep of 0.1 Hz is all but still at its ends.
+#: Number of neighbouring angles that are averaged. Source: our own choice; 0.04 s at 120 Hz, in
+#: which a sweep of 0.1 Hz is all but still at its ends.
 NEIGHBOURS = 5
 #: Noise below this is the rounding of a file with six decimals. [m]
 ROUNDED_M = 2e-6
@@ -117,7 +117,7 @@ class Axes:
 
     @property
     def widened(self) -> float:
-        """How much noise that is correlated in time widens standard deviations: the median."""
+        """Return the median factor by which noise correlated in time widens standard deviations."""
         return float(np.median([fit.widened for fit in self.fits.values()]))
 
 
@@ -315,7 +315,7 @@ def distances(
 
 
 def shared_body(linkage: LoopedPart, one: str, two: str) -> str | None:
-    """Return the body that carries both hinges, None when there is none."""
+    """Return the body that carries both hinges, or None without one."""
     return next(
         (b for b in linkage.bodies if one in linkage.carried[b] and two in linkage.carried[b]), None
     )

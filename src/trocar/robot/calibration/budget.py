@@ -68,7 +68,7 @@ def pose_noise(marker_m: float, markers: int, spread_m: float) -> tuple[float, f
 
 @dataclass(frozen=True, eq=False)
 class Budget:
-    """What a recording will be worth.
+    """Expected accuracy of a calibration from a recording.
 
     Attributes:
         arm: name of the arm

@@ -295,7 +295,7 @@ def _cautions(found: Calibration, datum: Datum, has_betas: bool, has_centre: boo
 def patches(
     arm: ArmDescription, refined: Refined, centre: Centre | None
 ) -> tuple[dict[str, FramePatch], dict[str, ClosurePatch]]:
-    """Return what the calibrated linkage replaces in its description, with standard deviations.
+    """Return the calibrated linkage's patches of its description, with standard deviations.
 
     Returns:
         {frame: patch} and {closure: patch}

@@ -34,7 +34,7 @@ FAR_PART = 0.1
 #: An angle at the still start this far off is refused. Source: our own choice; 10 mm at the end of
 #: a link of 100 mm, six times what `trocar mocap --perturb` makes. [rad]
 FAR_RAD = 0.1
-#: So many distances show a scale. Source: our own choice.
+#: Smallest number of distances that show a scale. Source: our own choice.
 LEAST_SCALED = 3
 #: A common scale of all distances that is off by more is worth a warning. Source: the spread of
 #: the paper's Table 6 over the distances of a PSM, 0.16 %, six times. [1]
@@ -189,7 +189,7 @@ def check_centre(
 
 
 def _far(found: Mapping[str, tuple[float, float]], bound: float) -> dict[str, tuple[float, float]]:
-    """Return what is farther from the nominal than a bound."""
+    """Return the values farther from their nominals than a bound."""
     return {k: (value, nominal) for k, (value, nominal) in found.items()
             if abs(value - nominal) > bound}  # fmt: skip
 

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.stats import chi2  # pyright: ignore[reportMissingTypeStubs] - scipy has no types
 
 from trocar.cameras import Intrinsics, StereoCalibration
 from trocar.cameras.lens import distort, distortion_jacobian
@@ -114,7 +114,7 @@ class Placed:
 
 @dataclass(frozen=True, eq=False)
 class HandEye:
-    """What views of boards show.
+    """Calibration of cameras and arms from views of boards.
 
     Attributes:
         ecm: name of the arm with the camera
@@ -512,7 +512,8 @@ def _named_offsets(fit: _Fit) -> list[str]:
     left, J = problem.linear(values)
     slope, covariance = J.T @ left, inverted(J.T @ J)
     step = -covariance @ slope
-    if -slope @ step < noise**2 * chi2.isf(FALSE_ALARM, len(model.offsets)):
+    usual = chi2.isf(FALSE_ALARM, len(model.offsets))  # pyright: ignore[reportUnknownMemberType]
+    if -slope @ step < noise**2 * usual:
         return []
     named: list[str] = []
     for i, (arm, joint) in enumerate(model.offsets, layout(values)["offsets"].start):
@@ -609,7 +610,8 @@ def _intrinsics(views: BoardViews, eye: Array) -> Intrinsics:
 
 def _start(views: BoardViews, joint_noise: float) -> tuple[_BoardModel, dict[str, Array]]:
     """Return a first guess: lenses and board poses by homographies, then the arms' poses."""
-    eyes, seen = [], []
+    eyes: list[Array] = []
+    seen: list[dict[int, Array]] = []
     for eye in range(2):
         planes = _planes(views, eye)
         K = views.start[eye].K if views.start else _focal_lengths(views, planes)
@@ -728,11 +730,12 @@ def _focal_lengths(views: BoardViews, planes: Mapping[int, Array]) -> Array:
     middle = 0.5 * (np.array(views.size) - 1.0)
     centred = np.eye(3)
     centred[:2, 2] = -middle
-    rows, right = [], []
+    rows: list[Array] = []
+    right: list[float] = []
     for H in planes.values():
         G = centred @ H
-        G = G / np.linalg.norm(G[:, 0])
-        a, b = G[:, 0], G[:, 1]
+        columns = G / np.linalg.norm(G[:, 0])
+        a, b = columns[:, 0], columns[:, 1]
         rows += [a[:2] * b[:2], a[:2] ** 2 - b[:2] ** 2]
         right += [-a[2] * b[2], b[2] ** 2 - a[2] ** 2]
     inverted = np.linalg.lstsq(np.array(rows), np.array(right), rcond=None)[0]
@@ -745,8 +748,8 @@ def _focal_lengths(views: BoardViews, planes: Mapping[int, Array]) -> Array:
 
 def _board_pose(H: Array, K: Array) -> Array:
     """Return T_eye_board of a homography, (4, 4)."""
-    G = np.linalg.solve(K, H)
-    G = G * (2.0 / (np.linalg.norm(G[:, 0]) + np.linalg.norm(G[:, 1])))
-    G = G * np.sign(G[2, 2])
+    columns = np.linalg.solve(K, H)
+    columns = columns * (2.0 / (np.linalg.norm(columns[:, 0]) + np.linalg.norm(columns[:, 1])))
+    G = columns * np.sign(columns[2, 2])
     R = np.stack([G[:, 0], G[:, 1], np.cross(G[:, 0], G[:, 1])], axis=1)
     return transform(nearest_rotation(R), G[:, 2])

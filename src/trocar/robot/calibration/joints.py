@@ -278,7 +278,7 @@ class TrackedChain:
         return lines, links
 
     def warnings(self) -> Iterator[str]:
-        """Yield what a user should know of the sweeps and their noise."""
+        """Yield warnings about the sweeps and their noise."""
         for joint, fit in zip(self.joints, self.fits, strict=True):
             least, unit = (SMALL_SLIDE_M, "m") if joint.slides else (SMALL_SPAN, "rad")
             if fit.span < least:
@@ -482,7 +482,7 @@ def _overlay(arm: ArmDescription, chain: TrackedChain, loops: Calibration | None
     base = Overlay(arm.name) if loops is None else loops.overlay
     drawn = arm if loops is None else apply_overlay(arm, base)
     count = len(chain.joints)
-    held = set() if loops is None else set(base.frames)
+    held: set[str] = set() if loops is None else set(base.frames)
     start = _anchor(arm, drawn, chain, loops)
 
     def placed(x: Array) -> dict[str, Array]:

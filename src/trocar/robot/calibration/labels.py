@@ -1,4 +1,4 @@
-"""Which body of the tracks has which label: the exchanges of names that make them the arm's."""
+"""Labels of the bodies of tracks: exchanges of names after which the bodies fit the arm."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Labels = Mapping[str, str]
 
 @dataclass(frozen=True)
 class Condition:
-    """What some bodies satisfy if they are the links of the arm.
+    """Condition that some bodies satisfy if they are the links of the arm.
 
     Attributes:
         bodies: the links

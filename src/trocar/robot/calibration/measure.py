@@ -1,4 +1,4 @@
-"""What tracks show of a robot before its loops are closed, checked against its description."""
+"""Measurements of a robot from tracks before its loops are closed, checked with its description."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ from trocar.robot.calibration.tracks import Tracks, check_together, select_bodie
 
 @dataclass(frozen=True, eq=False)
 class MeasurementPlan:
-    """What is measured of an arm.
+    """Quantities of an arm to be measured.
 
     Attributes:
         arm: the description
@@ -100,16 +100,16 @@ class SelectedTracks:
 
     @property
     def files(self) -> list[str]:
-        """Where the tracks were read."""
+        """Return the files of the tracks."""
         return [part.file for part in (self.tracks, self.sweep) if part is not None]
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """What tracks show before the loops are closed, checked against the description.
+    """Measurements from tracks before the loops are closed, checked against the description.
 
     Attributes:
-        axes, home, datum: where the axes are
+        axes, home, datum: places of the axes
         distances: {label: [m]}
         betas: {name: [rad]}, empty without a still start
         centre: the remote centre, None where no sweep shows it
@@ -222,7 +222,7 @@ def chosen_bodies(
         )
     # The base may be missing, and passive links with two hinges.
     driven = {loops.body_of.get(f) for j in loops.mechanism.joints for f, _ in j.drive}
-    needed = {loops.ground, *driven} | ({centre.body} if centre else set())
+    needed = {loops.ground, *driven} | ({centre.body} if centre else set[str]())
     optional = [b for b in loops.bodies if b not in needed and len(loops.carried[b]) == 2]
     optional += [b for b in wanted if b not in loops.bodies]
     chosen = select_bodies(tracks, {b: names.get(b, b) for b in wanted}, optional)

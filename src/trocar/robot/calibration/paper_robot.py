@@ -13,7 +13,7 @@ from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 
 from trocar import __version__
 from trocar.descriptions import ArmDescription
@@ -39,15 +39,16 @@ Array = NDArray[np.float64]
 POSITIONS, SWEEP_RAD = 5, {"yaw": 0.3, "pitch": 0.6}
 #: Table 6 prints tenths of a millimetre. Source: half of the last digit. [m]
 DISTANCE_M = 5e-5
-#: How well place and spread of the remote centre are to be met. Source: our own choice; a tenth of
+#: Tolerance on place and spread of the remote centre. Source: our own choice; a tenth of
 #: the figure that the twin has to keep. [m]
 CENTRE_M = 1e-4
 #: The fit ends when a step lowers the sum of squares by less, or after so many. Source: our own
 #: choice, for a fit of half a minute. It is not at its minimum then: of a PSM swept by 0.6 rad, 50
 #: steps more lowered the sum by a third.
 CHANGE, MOST_STEPS = 0.03, 12
-#: How far axes are off the description where the figures leave it open: displaced as far as the
-#: paper's own tables differ, and tilted so that a hinge of 0.1 m runs out by as much. [m], [rad]
+#: Errors of axes against the description where the figures leave them open: displaced as far as
+#: the paper's own tables differ, and tilted so that a hinge of 0.1 m runs out by as much.
+#: [m], [rad]
 DISPLACED_M, TILTED_RAD = TABLE6_SPREAD_M, TABLE6_SPREAD_M / 0.1
 
 
@@ -142,7 +143,7 @@ def paper_twin(arm: ArmDescription, watch: Callable[[str], None] = lambda _: Non
         return with_pins(calibrated(arm, moved, replace(centre, axis=axis)))
 
     def left(x: Array) -> Array:
-        """Return what the figures and the description are missed by, in standard deviations."""
+        """Return the errors against the figures and the description, in standard deviations."""
         made = robot(x)
         found = own_centre(made, links, q)
         sides = axis_distances(arm, made)
@@ -157,14 +158,17 @@ def paper_twin(arm: ArmDescription, watch: Callable[[str], None] = lambda _: Non
         watch("geometry")
         return slopes(left, x)
 
-    # At the description the spread is 0, whose slope is none: start beside it.
-    solved = least_squares(
-        left,
-        0.1 * scale,
-        jac=cast(Any, derivative),  # scipy takes a function; its stubs do not say so
-        x_scale=scale,
-        ftol=CHANGE,
-        max_nfev=MOST_STEPS,
+    # At the description the spread is 0 and has no derivative: start beside it.
+    solved = cast(
+        Any,
+        least_squares(
+            left,
+            0.1 * scale,
+            jac=cast(Any, derivative),  # scipy takes a function; its stubs do not say so
+            x_scale=scale,
+            ftol=CHANGE,
+            max_nfev=MOST_STEPS,
+        ),
     )
     made = robot(np.asarray(solved.x))
     nominal, twin = (own_centre(one, links, q) for one in (arm.mechanism, made))

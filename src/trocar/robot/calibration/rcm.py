@@ -61,13 +61,13 @@ _STILL_S, _STILL_RAD = 0.5, 0.01
 
 @dataclass(frozen=True, eq=False)
 class CentreLinks:
-    """Which bodies of an arm tell of its remote centre.
+    """Bodies of an arm whose tracks determine its remote centre.
 
     Attributes:
-        arm: whose
-        base, body: where it rests, and what turns about it
+        arm: the arm
+        base, body: the body at rest, and the body that turns about the centre
         yaw, pitch: the bodies that the first two joints turn
-        beside: bodies on hinges of the pitch body, which tell the sense of the pitch axis
+        beside: bodies on hinges of the pitch body, which determine the sense of the pitch axis
     """
 
     arm: ArmDescription
@@ -246,13 +246,13 @@ def _senses(
 
 @dataclass(frozen=True, eq=False)
 class FrameError:
-    """What the error of the frame itself, of its two axes, does; one standard deviation each.
+    """Effects of the error of the frame itself, of its two axes; one standard deviation each.
 
     Attributes:
         origin: along the frame's axes, (3,) [m]
         turn: about the frame's axes, (3,) [rad]
-        position: of the centre told in it, (3,) [m]
-        spread: of the centre's spread told in it, (3,) [m]
+        position: of the centre in this frame, (3,) [m]
+        spread: of the centre's spread in this frame, (3,) [m]
     """
 
     origin: Array
@@ -345,11 +345,11 @@ def _in_yaw_body(
     tracks: Tracks, links: CentreLinks, yaw: HingeFit, turned: Array, fit: PivotFit
 ) -> tuple[Array, Array]:
     """Return the centre in the yaw body at yaw 0, (3,), and each sample's effect on it, (n, 3)."""
-    T = inverse(tracks.poses[links.yaw]) @ resting(tracks.poses[links.base])
+    at = inverse(tracks.poses[links.yaw]) @ resting(tracks.poses[links.base])
     # A centre that is off the yaw axis goes round it as the body turns: back to where it was.
     axis = yaw.in_b
     turn = matrix_from_rotation_vector(np.outer(turned, axis.direction))
-    T = transform(turn, axis.point - turn @ axis.point) @ T
+    T = transform(turn, axis.point - turn @ axis.point) @ at
     points = T[:, :3, :3] @ fit.post + T[:, :3, 3]
     used = not_gross(np.linalg.norm(points - np.nanmedian(points, axis=0), axis=1))
     centre = points[used].mean(axis=0)
@@ -360,7 +360,7 @@ def _in_yaw_body(
 
 @dataclass(frozen=True, eq=False)
 class OwnCentre:
-    """Where a mechanism's remote centre is, in the frame of its first two joint axes.
+    """Position of a mechanism's remote centre, in the frame of its first two joint axes.
 
     Attributes:
         position: from the pitch axis, (3,) [m]
@@ -493,7 +493,7 @@ class RcmReport:
 
     @property
     def wander_rms(self) -> float:
-        """How far the centre itself wanders, noise taken off [m]."""
+        """Return the RMS wander of the centre itself, without noise [m]."""
         return float(np.sqrt(max(self.fit.rms**2 - self.noise_rms**2, 0.0)))
 
     def centre_dict(self) -> dict[str, Any]:

@@ -13,8 +13,8 @@ from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
-from scipy.optimize import least_squares
+from scipy.ndimage import median_filter  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
+from scipy.optimize import least_squares  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 
 from trocar.geometry import inverse, matrix_from_rotation_vector, skew
 from trocar.robot.calibration.axes import Axes, Home
@@ -55,14 +55,14 @@ LEAST_NOISE = (1e-10, 1e-9)
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """What the tracks have of the bodies.
+    """Samples of the bodies in the tracks.
 
     Attributes:
         poses: T_camera_markers, (n, n_bodies, 4, 4); anything where `seen` is false
         seen: (n, n_bodies)
         home: samples that stand at joint positions 0, (n,)
         sigmas: noise of a pose, position [m] and rotation [rad] per axis
-        widened: how much noise that is correlated in time widens standard deviations
+        widened: factor by which noise correlated in time widens standard deviations
     """
 
     poses: Array
@@ -174,7 +174,8 @@ def register(robot: Robot, samples: Samples, camera: Array, q: Array) -> Registe
         # What too few bodies leave open stays.
         most = np.maximum(np.max(normal, axis=(-1, -2), keepdims=True), 1.0)
         normal += RIDGE * np.eye(6 + moving) * most
-        step = np.linalg.solve(normal, np.swapaxes(left, -1, -2) @ right[..., None])[..., 0]
+        gradient = np.swapaxes(left, -1, -2) @ right[..., None]
+        step = cast(Array, np.linalg.solve(normal, gradient)[..., 0])
         camera = camera @ _small_pose(step[:, :6])
         q = q + step[:, 6:]
         if np.abs(step).max(initial=0.0) < 1e-12:
@@ -183,7 +184,8 @@ def register(robot: Robot, samples: Samples, camera: Array, q: Array) -> Registe
     # A linkage that does not close leaves more than noise, and its neighbours in time as much: that
     # is no reason to drop a sample, though others, in which the loops rest, leave nothing.
     usual = np.nanmedian(np.where(samples.seen, squared, np.nan), axis=0)
-    near = median_filter(np.where(samples.seen, squared, usual), (NEIGHBOURS, 1), mode="nearest")
+    shown = np.where(samples.seen, squared, usual)
+    near = cast(Array, median_filter(shown, (NEIGHBOURS, 1), mode="nearest"))
     most = FAR_SQUARED * np.maximum(np.maximum(near, usual) / MEDIAN_SQUARED, 1.0)
     return RegisteredSamples(camera, q, residuals, samples.seen & (squared <= most))
 
@@ -246,9 +248,9 @@ def _means(values: Array, which: NDArray[np.intp], count: int) -> Array:
 
 # What the tracks leave open stays where it was; weak enough to pull nothing else. [m, rad]
 LEASH = 1.0
-#: Where along the axes the linkage's plane lies is told by the datum, and else by second-order
-#: effects of the pins alone (see `level`), which tracks without noise show. Source: our own choice;
-#: how far from that plane a pin may sit. [m]
+#: Largest distance of a pin from the linkage's plane. The plane's place along the axes follows from
+#: the datum, and else from second-order effects of the pins alone (see `level`), which tracks
+#: without noise show. Source: our own choice. [m]
 HEIGHT_M = 0.1
 # Source: our own choice; displacements of 1 um give slopes to 1e-9 and rounding of 1e-10.
 DISPLACED = 1e-6
@@ -269,7 +271,7 @@ class Problem:
 
     @property
     def free(self) -> int:
-        """How many unknowns the geometry has; six of each body's markers follow."""
+        """Return the number of unknowns of the geometry; six of each body's markers follow."""
         return self.basis.shape[1] + 2 * len(self.tilted)
 
     def moved(self, step: Array) -> Robot:
@@ -302,12 +304,12 @@ class Problem:
 
 @dataclass(frozen=True, eq=False)
 class Eliminated:
-    """What takes camera pose and joint positions out of a problem.
+    """Projections that take camera pose and joint positions out of a problem.
 
     Attributes:
         project: of each group, (g, 6 n_bodies, 6 n_bodies); weights and the square root of the
             number of samples are in it
-        home: what the residuals do to the mean joint positions of home, (n_moving, g, 6 n_bodies)
+        home: derivatives of home's mean joint positions by the residuals, (n_moving, g, 6 n_bodies)
         at_home: these mean positions before, (n_moving,) [rad]
         home_sigma: their noise, (n_moving,) [rad]
     """
@@ -327,7 +329,7 @@ def eliminate(problem: Problem) -> Eliminated:
     weight = groups.seen[..., None] * np.repeat(1.0 / np.array(problem.sigmas), 3)
     slope = (every * weight[..., None]).reshape(len(weight), -1, every.shape[-1])
     scale = np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-300)
-    solve = np.linalg.pinv(slope / scale, rcond=1e-9)
+    solve = cast(Array, np.linalg.pinv(slope / scale, rcond=1e-9))
     flat = weight.reshape(len(weight), -1)
     keep = np.eye(slope.shape[1]) - (slope / scale) @ solve
     joints = (solve / np.swapaxes(scale, 1, 2))[:, 6:]
@@ -521,14 +523,17 @@ def _solve(problem: Problem, sigma: float) -> tuple[Array, bool]:
     def derivative(step: Array) -> Array:
         return slopes(problem, taken, step)
 
-    solved = least_squares(
-        weighted,
-        np.zeros(problem.free + 6 * len(problem.robot.markers)),
-        jac=cast(Any, derivative),  # scipy takes a function; its stubs do not say so
-        xtol=1e-12,
-        ftol=1e-12,
-        gtol=1e-14,
-        max_nfev=6,
+    solved = cast(
+        Any,
+        least_squares(
+            weighted,
+            np.zeros(problem.free + 6 * len(problem.robot.markers)),
+            jac=cast(Any, derivative),  # scipy takes a function; its stubs do not say so
+            xtol=1e-12,
+            ftol=1e-12,
+            gtol=1e-14,
+            max_nfev=6,
+        ),
     )
     step = np.asarray(solved.x, dtype=np.float64)
     if np.abs(step).max() < max(SETTLED, NOISE_SHARE * sigma):

@@ -1,4 +1,4 @@
-"""Where the bases of arms stand to one another, and the offsets of their joints, from readings.
+"""Relative poses of the bases of arms, and the offsets of their joints, from readings.
 
 Of each arm by itself, with A(q) the pose of its tip in its base:
 
@@ -308,10 +308,10 @@ def hand_eye(tips: Array, boards: Array) -> tuple[Array, Array]:
     A, B = tips[:, :3, :3], boards[:, :3, :3]
     # R_Y R_A = R_B R_X^T: with row-major vec, (I (x) R_A^T) vec R_Y = (R_B (x) I) vec R_X^T
     eye = np.eye(3)
-    rows = np.concatenate(
-        [np.hstack([np.kron(eye, a.T), -np.kron(b, eye)]) for a, b in zip(A, B, strict=True)]
-    )
-    null = np.linalg.svd(rows)[2][-1]
+    blocks: list[list[Array]] = [
+        [np.kron(eye, a.T), -np.kron(b, eye)] for a, b in zip(A, B, strict=True)
+    ]
+    null = np.linalg.svd(np.concatenate([np.hstack(row) for row in blocks]))[2][-1]
     turns = [nearest_rotation(part.reshape(3, 3)) for part in (null[:9], null[9:])]
     if np.linalg.det(null[:9].reshape(3, 3)) < 0.0:
         turns = [nearest_rotation(-part.reshape(3, 3)) for part in (null[:9], null[9:])]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -200,7 +200,7 @@ def _wander(seen: WanderFit, found: Calibration, report: RcmReport, arm: ArmDesc
     if found.closure == "general" and report.table7 is not None:
         swept, _ = centre_samples(report.hinges, report.fit)
         robot = apply_overlay(arm, found.overlay).mechanism
-        pitch = np.linspace(robot.lower[1], robot.upper[1], PLACES)
+        pitch = cast(Array, np.linspace(robot.lower[1], robot.upper[1], PLACES))
         own = pitch, own_wander(robot, centre_links(arm), swept[:: 1 + len(swept) // MOST], pitch)
     rows = [
         [f"{np.degrees(q):.1f}", *(f"{MM * v:+.4f} +- {MM * s:.4f}" for v, s in
@@ -226,7 +226,7 @@ def _wander(seen: WanderFit, found: Calibration, report: RcmReport, arm: ArmDesc
 
 
 def _frame(seen: Table7, split: Split) -> str:
-    """Tell how well the frame is known that the centre is told in."""
+    """Return the text about the accuracy of the frame in which the centre is given."""
     frame, lever = seen.frame, float(np.linalg.norm(split.position))
     return (
         "<h3>Simulation and hardware: the difference and its parts</h3>"
@@ -300,7 +300,7 @@ DRAWN, GRID = "#9aa5b1", "#dddddd"
 def draw_set_up(found: Calibration) -> str:
     """Draw links, axes and clusters of markers in the plane across the axes, at q = 0."""
     robot, linkage = found.refined.robot, found.axes.linkage
-    figure = new_figure(9.5, 6.5, PURPOSE)
+    figure: Any = new_figure(9.5, 6.5, PURPOSE)
     axis: Any = figure.subplots()
     points = home_points(linkage, robot.moved)
     shifts = shift_rows(linkage)
@@ -334,7 +334,7 @@ def draw_set_up(found: Calibration) -> str:
 def draw_sides(found: Calibration, described: Mapping[str, float]) -> str:
     """Draw each distance against the description's, with its 95 % interval."""
     labels = list(found.axis_distances)
-    figure = new_figure(9.5, 0.45 * len(labels) + 1.2, PURPOSE)
+    figure: Any = new_figure(9.5, 0.45 * len(labels) + 1.2, PURPOSE)
     axis: Any = figure.subplots()
     rows = np.arange(len(labels))
     values = list(found.axis_distances.values())
@@ -362,7 +362,7 @@ def draw_clouds(measured: Sequence[CloudPoint], own: Sequence[CloudPoint]) -> st
     """
     seen, explained = (np.stack([point.position for point in part]) for part in (measured, own))
     pitch = np.array([point.q[1] for point in measured])
-    figure = new_figure(11.5, 4.0, PURPOSE)
+    figure: Any = new_figure(11.5, 4.0, PURPOSE)
     each: Any = figure.subplots(1, 3)
     reach = 1.1 * MM * max(float(np.abs(seen).max()), float(np.abs(explained).max()), 1e-6)
     dots: Any = None
@@ -393,7 +393,7 @@ def draw_wander(pitch: Array, curve: Array, sigma: Array, own: tuple[Array, Arra
         curve, sigma: as tracked, (g, 3) [m]
         own: pitch (n,) and displacement (n, 3) of the calibrated mechanism; None: not drawn
     """
-    figure = new_figure(9.5, 4.0, PURPOSE)
+    figure: Any = new_figure(9.5, 4.0, PURPOSE)
     axis: Any = figure.subplots()
     for k, (name, colour) in enumerate(zip("XYZ", PALETTE, strict=False)):
         axis.errorbar(

@@ -11,10 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline  # pyright: ignore[reportMissingTypeStubs] - no types
 
 from trocar.descriptions import ArmDescription
 from trocar.descriptions.axis_lines import home_lines, line_distance
@@ -226,7 +227,7 @@ def _coordinates(robot: Robot, mechanism: Mechanism, q: Array) -> Array:
 
     if q.shape[1] != 1 or len(q) < 2 * NODES or loops_are_parallelograms(mechanism):
         return closed(q)
-    nodes = np.linspace(q.min() - STEP, q.max() + STEP, NODES)
+    nodes = cast(Array, np.linspace(q.min() - STEP, q.max() + STEP, NODES))
     return CubicSpline(nodes, closed(nodes[:, None]))(q[:, 0])
 
 
@@ -344,7 +345,7 @@ def levelled(robot: Robot, level: Level) -> Robot:
 
 
 def _drifts(robot: Robot) -> dict[Slot, Array]:
-    """Return where each axis goes across, in the body that has it, by metre along it, (2,)."""
+    """Return each axis' shift across itself per metre along it, in the body that has it, (2,)."""
     linkage = robot.linkage
     found: dict[Slot, Array] = {}
     for slot in slots(linkage):
@@ -360,7 +361,7 @@ def _drifts(robot: Robot) -> dict[Slot, Array]:
 
 
 def _swept_turns(robot: Robot) -> dict[str, Array]:
-    """Return how bodies turn over a sweep, from their drawn home, in the plane's axes (n, 3, 3)."""
+    """Return bodies' turns over a sweep, from their drawn home, in the plane's axes (n, 3, 3)."""
     linkage, mechanism = robot.linkage, mechanism_of(robot)
     at = body_poses(linkage, mechanism, closed_coordinates(mechanism, swept(linkage, mechanism)))
     found: dict[str, Array] = {}
@@ -410,7 +411,7 @@ class Centre:
 
 
 def remote_centre_of(arm: ArmDescription, linkage: LoopedPart) -> Centre | None:
-    """Return the remote centre that a description is built for, None where there is none."""
+    """Return the remote centre that a description is built for, or None without one."""
     mechanism, body_of = arm.mechanism, bodies_of(arm)
     q = swept(linkage, mechanism)
     every = poses(mechanism, q, mechanism.reference)
@@ -447,7 +448,8 @@ def still_point(robot: Robot, body: str) -> tuple[Array, float]:
     left = np.concatenate([turn, -np.tile(np.eye(2), (len(q), 1, 1))], axis=2).reshape(-1, 4)
     found = np.asarray(np.linalg.lstsq(left, -place.ravel(), rcond=None)[0], dtype=np.float64)
     away = turn @ found[:2] + place - found[2:]
-    return found[2:], float(np.sqrt(np.mean(np.sum(away**2, axis=1))))
+    squared: Array = np.sum(away**2, axis=1)
+    return found[2:], float(np.sqrt(np.mean(squared)))
 
 
 def placed(robot: Robot, centre: Centre | None) -> Robot:
@@ -472,11 +474,11 @@ def placed(robot: Robot, centre: Centre | None) -> Robot:
 def _stand(
     robot: Robot, centre: Centre, points: Mapping[Slot, Array], own: Array
 ) -> tuple[Array, Array, Array]:
-    """Return how the linkage is turned, where its remote centre goes, and how far it leans.
+    """Return the linkage's turn, the place of its remote centre, and its lean.
 
     Without a measured axis the centre goes to the description's, and its direction from the first
-    hinge too. With one, the linkage stands on the arm's axis as it does on the measured one; how
-    far along and which way about it are the description's.
+    hinge too. With one, the linkage stands on the arm's axis as it does on the measured one; its
+    place along that axis and its turn about it are the description's.
     """
     linkage = robot.linkage
     first = linkage.hinges[0]

@@ -30,15 +30,15 @@ RATE_TOLERANCE = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Tracks:
-    """What a camera system saw.
+    """Poses of bodies that a camera system recorded.
 
     Attributes:
-        file: where it was read
+        file: the file they were read from
         sha256: of the file's bytes
         times: of every sample, increasing, (n,) [s]
         poses: {body: T_camera_body (n, 4, 4)}, NaN where the body is not tracked
         rate_hz: samples a second
-        warnings: what a user should know
+        warnings: for the user
     """
 
     file: str
@@ -57,7 +57,7 @@ class Tracks:
         return np.logical_and.reduce([self.tracked(body) for body in bodies])
 
     def coverage(self, body: str) -> str:
-        """Say how much of a body there is: how many samples, from when to when, longest gap."""
+        """Describe a body's coverage: number of samples, first and last time, longest gap."""
         seen = np.flatnonzero(self.tracked(body))
         if not len(seen):
             return f"none of {len(self.times)} samples"

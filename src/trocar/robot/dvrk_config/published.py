@@ -30,7 +30,7 @@ CLASSIC_ORIGIN = {
 
 
 def own_arm_file(name: str) -> dict[str, str] | None:
-    """Return the content of the dVRK's simulated arm of that name, None where there is none."""
+    """Return the content of the dVRK's simulated arm of that name, or None without one."""
     match = ARM_FILES.fullmatch(name)
     if match is None:
         return None

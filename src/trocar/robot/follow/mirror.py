@@ -445,9 +445,9 @@ class Mirror:
 
 
 def _found(topics: Mapping[str, str] | None, name: str, where: str) -> str | None:
-    """Return the topic of that name in whatever namespace, None where there is none.
+    """Return the topic of that name in whatever namespace, or None without one.
 
-    /SUJ/PSM1/measured_js is none of PSM1's; without a list of topics (live) the name itself is it.
+    /SUJ/PSM1/measured_js does not belong to PSM1. Without a list of topics (live) return the name.
     """
     if topics is None or topics.get(name) == JOINT_STATE:
         return name

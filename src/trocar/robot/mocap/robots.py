@@ -21,9 +21,9 @@ from trocar.kinematics.mechanism import Closure, Frame
 
 Array = NDArray[np.float64]
 
-#: How far a robot is off its drawing. Source: the spread of the paper's Table 6, doubled.
+#: Errors of a robot against its drawing. Source: the spread of the paper's Table 6, doubled.
 LENGTH_M, ANGLE_RAD = 0.003, math.radians(1.0)
-#: How far each axis is displaced across itself and tilted. Source: our own choice; it makes the
+#: Displacement of each axis across itself, and its tilt. Source: our own choice; it makes the
 #: remote centre wander by tenths of a millimetre, as the paper's real PSM does (Table 7).
 DISPLACED_M, TILTED_RAD = 0.0003, 0.001
 

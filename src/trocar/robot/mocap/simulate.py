@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
+from scipy.signal import lfilter  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 
 from trocar.descriptions.axis_lines import Line, home_lines, line_angle, line_distance
 from trocar.descriptions.calibration_plan import default_plan, hinge_side
@@ -49,7 +49,7 @@ ON_LINK_M, IN_ROOM_M = 0.15, 2.0
 
 @dataclass(frozen=True)
 class MarkerNoise:
-    """How bad the cameras are.
+    """Errors of the cameras.
 
     Attributes:
         position: standard deviation along each axis [m]
@@ -101,7 +101,7 @@ def spoil(
 
 
 def _bursts(chances: Array, share: float) -> NDArray[np.bool_]:
-    """Tell which samples are lost: two states that change by chance, (n,)."""
+    """Return a mask of lost samples: two states that change by chance, (n,)."""
     end = 1.0 / BURST_SAMPLES
     begin = share * end / (1.0 - share)
     lost = np.zeros(len(chances), dtype=bool)
@@ -128,16 +128,16 @@ def geometry(
 ) -> dict[str, Any]:
     """Return axis distances, angles and the remote centre, as `trocar calibrate` names them.
 
-    A remote centre that wanders is the point that fits best, told with how far the link that
+    A remote centre that wanders is the point that fits best, with the RMS by which the link that
     carries the instrument misses it.
 
-    Distances and angles of axes are told in the plane across them through the origin of the first
+    Distances and angles of axes are given in the plane across them through the origin of the first
     axis' frame (see `descriptions.axis_lines`).
 
     Args:
         arm: as it is
         clusters: {frame: its marker cluster, T_frame_cluster (4, 4)}, the root's first
-        swing: joint positions about the remote centre, (n, n_joints); None where there is none
+        swing: joint positions about the remote centre, (n, n_joints); None without one
     """
     mechanism = arm.mechanism
     joints: dict[str, Any] = {} if has_remote_centre(arm) else {"joints": _chain(arm, clusters)}
@@ -173,7 +173,7 @@ def geometry(
 
 
 def _chain(arm: ArmDescription, clusters: Mapping[str, Array]) -> Mapping[str, Any]:
-    """Return how each axis of the chain stands to the next, as `trocar calibrate` names them."""
+    """Return the figures of the chain's axes to one another, as `trocar calibrate` names them."""
     mechanism = arm.mechanism
     at = poses(mechanism, np.clip(np.zeros(len(arm.joints)), mechanism.lower, mechanism.upper),
                arm.root)  # fmt: skip
@@ -196,7 +196,7 @@ def _fixed_point(poses: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class MocapSettings:
-    """How an arm is swept and seen.
+    """Settings of an arm's sweep and of the cameras.
 
     Attributes:
         motion: "dynamic" (joints simulated with their servos) or "kinematic" (exactly as told)
@@ -221,14 +221,14 @@ class MocapSettings:
 
 @dataclass(frozen=True, eq=False)
 class SimulatedTracks:
-    """What the cameras tell, and the truth.
+    """Recording of the cameras, and the truth.
 
     Attributes:
         times: (n,) [s]
         poses: {body: T_camera_body (n, 4, 4)}, NaN where it is lost
-        q: where the arm was told to be, (n, n_joints) [rad or m]
+        q: the arm's set-points, (n, n_joints) [rad or m]
         rate_hz: samples a second
-        truth: what a calibration should find, and how it was made, as plain data
+        truth: the figures that a calibration should find, and the settings, as plain data
     """
 
     times: Array
@@ -326,7 +326,7 @@ def _parts(arm: ArmDescription, asked: Parts) -> tuple[str, ...]:
 
 
 def _swing(arm: ArmDescription, settings: MocapSettings) -> Array | None:
-    """Return joint positions about the remote centre, (n, n_joints), None where there is none."""
+    """Return joint positions about the remote centre, (n, n_joints), or None without one."""
     if not has_remote_centre(arm):
         return None
     times = np.linspace(STILL_S, settings.duration_s, 400)

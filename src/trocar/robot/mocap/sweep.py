@@ -1,4 +1,4 @@
-"""How an arm is swept before the cameras: still, then its loops folded, then about its centre.
+"""Sweep of an arm before the cameras: still, then its loops folded, then about its centre.
 
 Of an arm without a remote centre every other joint of its chain is swept, too, one after another.
 """
@@ -35,7 +35,7 @@ SWINGS_ABOUT_CENTRE = (1.0, 1.5)
 #: Source: our own choice.
 MARGIN_RAD, SPEED_SHARE = 0.01, 0.8
 SHORTEST_S = STILL_S + 4.0 * RAMP_S
-#: Played in pieces of so many periods, for the sake of whoever watches. Source: our own choice.
+#: Steps that are simulated between two reports of progress. Source: our own choice.
 PIECE = 1000
 #: The arm settles at its home before the cameras begin. Source: our own choice. [s]
 SETTLE_S = 1.0
@@ -43,7 +43,7 @@ SETTLE_S = 1.0
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """Where an arm is told to be.
+    """Set-points of an arm.
 
     Attributes:
         q: (n, n_joints) [rad or m]
@@ -87,7 +87,8 @@ def sweep(
     start[: max([*swept, *chain_joints(arm)], default=-1) + 1] = 0.0
     start = np.clip(start, mechanism.lower, mechanism.upper)
     q = np.tile(start, (len(times), 1))
-    spans, swings = {"still": (0.0, STILL_S)}, {}
+    spans = {"still": (0.0, STILL_S)}
+    swings: dict[str, dict[str, float]] = {}
     together: dict[tuple[float, float], list[str]] = {}
     begin = STILL_S
     for part, end in zip(parts, part_ends(arm, duration_s, parts), strict=True):
@@ -193,7 +194,7 @@ def simulated_positions(
     told: Callable[[Array], Array],
     progress: Callable[[int, int], None] | None = None,
 ) -> Array:
-    """Return where the joints were at given times, (n, n_joints) [rad or m].
+    """Return the joint positions at given times, (n, n_joints) [rad or m].
 
     A sample is the state at the end of the physics period that is nearest: all joints of a sample
     are of one moment.
@@ -202,7 +203,7 @@ def simulated_positions(
         arm: simulated alone, with the dVRK's gains
         times: increasing, from 0 on, (n,) [s]
         told: set-points of given times
-        progress: is told (done, all) periods
+        progress: called with (done, all) steps
 
     Raises:
         InputError: the sweep is faster than a joint may move, or leaves its limits

@@ -35,7 +35,7 @@ ON_TIP_M = 0.05
 
 @dataclass(frozen=True)
 class TouchSettings:
-    """How readings are made.
+    """Settings of simulated readings.
 
     Attributes:
         count: of each arm

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.cameras import StereoCalibration
+from trocar.cameras import Intrinsics, StereoCalibration
 from trocar.cameras.lens import project
 from trocar.descriptions import RigDescription
 from trocar.descriptions.records import RigArm
@@ -26,20 +26,20 @@ Array = NDArray[np.float64]
 #: The board's middle is this far from the camera. Source: our own choice: a board of 40 mm fills a
 #: half to most of the picture. [m]
 NEAR_M, FAR_M = 0.06, 0.10
-#: How far joints of a view are from those of the rig's pose: of the ECM to either side [rad; m], of
-#: the tool's wrist. Source: our own choice: what stays before the camera.
+#: Spread of a view's joint positions about the rig's pose: of the ECM to either side [rad; m], of
+#: the tool's wrist. Source: our own choice: the board stays before the camera.
 ECM_SPREAD = np.array([0.4, 0.35, 0.03, 1.0])
 WRIST_SPREAD = 0.5
 #: The tip holds the board by its edge, so far from its corners. Source: our own choice. [m]
 HOLDER_M = 0.008
 #: And so far behind it, with the handle behind the board. Source: our own choice. [m]
 BEHIND_M = 0.01
-#: What a robot's scope and bases differ by from its description, 1 sigma. Source: our own choice.
+#: Errors of a robot's scope and bases against its description, 1 sigma. Source: our own choice.
 OFF_M, OFF_RAD = 0.003, 0.03
 #: Parts of the corners that both eyes show, at least, of a board with markers (of a chessboard all,
 #: without which detectors find none); the steepest view of the board.
 SEEN, STEEPEST = 0.6, np.deg2rad(55.0)
-#: Attempts at a view before it is said that there is none.
+#: Attempts at a view before the simulation gives up.
 ATTEMPTS = 4000
 #: Distortion of the eyes where the camera has none. Source: the prototypes of the figures; a real
 #: endoscope's is of this size.
@@ -48,7 +48,7 @@ DISTORTION = np.array([-0.2, 0.06, 0.001, -0.001, 0.0])
 
 @dataclass(frozen=True)
 class ViewSettings:
-    """How views are made.
+    """Settings of simulated views.
 
     Attributes:
         psm: the arm that holds the board
@@ -202,7 +202,7 @@ def _off(rng: np.random.Generator) -> Array:
 
 def _worn(rng: np.random.Generator, nominal: StereoCalibration) -> StereoCalibration:
     """Return eyes whose lenses and distance are off the preset's by a few parts in a hundred."""
-    eyes = []
+    eyes: list[Intrinsics] = []
     for eye in nominal.eyes:
         K = eye.K.copy()
         K[[0, 1], [0, 1]] *= 1.0 + rng.normal(scale=0.02)
@@ -259,7 +259,7 @@ def _view(
     at = inverse(sees) @ base @ pose(psm.arm.mechanism, q) @ board
     if at[2, 2] < np.cos(STEEPEST):
         return None
-    pixels = []
+    pixels: list[Array] = []
     for T, one in zip((np.eye(4), calibration.T_left_right), calibration.eyes, strict=True):
         here = inverse(T) @ at
         points = corners @ here[:3, :3].T + here[:3, 3]

@@ -66,7 +66,7 @@ def check_tracks(path: str | Path, overwrite: bool = False) -> tuple[Path, Path]
 
 
 def _columns(pose: Array) -> tuple[Array, Array, Array]:
-    """Return where a body is tracked (n,), its positions (n, 3) and quaternions wxyz (n, 4)."""
+    """Return a mask of tracked samples (n,), positions (n, 3) and quaternions wxyz (n, 4)."""
     seen = ~np.isnan(pose[:, 0, 0])
     turned = np.full((len(pose), 4), np.nan)
     turned[seen] = quaternion_from_matrix(pose[seen, :3, :3])

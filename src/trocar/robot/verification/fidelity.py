@@ -161,7 +161,7 @@ def inverse_poses(count: int) -> Iterator[Figure]:
 
 
 def flat_loops() -> Iterator[Figure]:
-    """Say how far each joint range stays from a flat loop, and that the printed tables do not."""
+    """Yield each joint range's margin to a singular loop, and the printed tables' singularities."""
     for name in names("arms"):
         found = [f.margin for f in flattenings(load_arm(name).mechanism)]
         if found:

@@ -60,7 +60,7 @@ def formats(subject: Subject) -> ReportPart:
 def _figures(
     label: str, found: Mapping[str, Array], expected: Mapping[str, Array], source: str
 ) -> Iterator[Figure]:
-    """Yield how far frames are off at most, {frame: poses (k, 4, 4)}."""
+    """Yield the largest errors of frames, {frame: poses (k, 4, 4)}."""
     off = [pose_difference(poses, expected[frame]) for frame, poses in found.items()]
     metres, radians = (max(float(each[k].max()) for each in off) for k in range(2))
     label = f"{label}, {len(found)} frames at {POSES} poses"

@@ -1,4 +1,4 @@
-"""How near calibrations come to robots that they have not seen, and what they refuse."""
+"""Errors of calibrations of unseen robots, and the inputs that calibrations reject."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from dataclasses import dataclass, field, replace
 from itertools import combinations
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 
 from trocar.descriptions import ArmDescription, load_arm
 from trocar.descriptions.overlay import apply_overlay, overlay_between, write_overlay
@@ -76,8 +77,8 @@ def unseen_robots(robots: int, watch: Callable[[str], None]) -> list[Figure]:
 class Errors:
     """Errors of many figures [m], and the same over their standard deviations."""
 
-    values: list[float] = field(default_factory=list)
-    scaled: list[float] = field(default_factory=list)
+    values: list[float] = field(default_factory=list[float])
+    scaled: list[float] = field(default_factory=list[float])
 
     def add(self, found: Mapping[str, Value], truth: Mapping[str, float]) -> None:
         """Count what was measured."""
@@ -102,7 +103,7 @@ class Errors:
 
 def take(
     arm: ArmDescription, parts: Parts, noise: MarkerNoise, seed: int, rate_hz: float = 120.0
-) -> tuple[Tracks, Mapping]:
+) -> tuple[Tracks, Mapping[str, Any]]:
     """Return 24 s of each sweep, 0.6 rad, and the truth."""
     settings = MocapSettings("kinematic", parts, noise=noise, seed=seed, rate_hz=rate_hz)
     made = simulate_tracks(arm, settings)
@@ -241,7 +242,7 @@ def chains(robots: int) -> Iterator[Figure]:
 
 
 def last_link(arm: ArmDescription, robot: ArmDescription) -> float:
-    """Return how far the last link of an arm is from a robot's over their ranges, RMS [m].
+    """Return the RMS distance of an arm's last link from a robot's over their ranges [m].
 
     What tracks cannot tell is fitted: the place of the arm, and of the frame on its last link.
     """
@@ -255,7 +256,7 @@ def last_link(arm: ArmDescription, robot: ArmDescription) -> float:
         away = exp_twist(x[:6]) @ true @ exp_twist(x[6:]) - ours
         return np.concatenate([away[:, :3, 3].ravel(), LEVER_M * away[:, :3, :3].ravel()])
 
-    fitted = least_squares(left, np.zeros(12), xtol=1e-15, ftol=1e-15)
+    fitted = cast(Any, least_squares(left, np.zeros(12), xtol=1e-15, ftol=1e-15))
     return float(np.linalg.norm(fitted.fun[: 3 * POSES]) / np.sqrt(POSES))
 
 

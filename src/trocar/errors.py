@@ -199,7 +199,7 @@ class LoopError(TrocarError):
 
 
 class DivergedError(TrocarError):
-    """A simulation that left the finite numbers, with when, where and what it was told last."""
+    """A simulation whose state is no longer finite, with time, joint and last target."""
 
     def __init__(self, time: float, joint: str, target: float | None, detail: str = "") -> None:
         self.time = time

@@ -124,9 +124,10 @@ def check_whole(value: object, name: str, low: int = 0, high: int = 2**31 - 1) -
     """
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
         raise InputError(f"{name}: {got(value, 'a whole number')}")
-    if not low <= value <= high:
-        raise InputError(f"{name}: {got(value, f'{low} to {high}')}")
-    return int(value)
+    whole = int(cast(int, value))
+    if not low <= whole <= high:
+        raise InputError(f"{name}: {got(cast(object, value), f'{low} to {high}')}")
+    return whole
 
 
 def check_type(value: object, kind: type[Kind], name: str) -> Kind:

@@ -1,4 +1,4 @@
-"""What a lens makes of a scene: points to pixels and back, with OpenCV's distortion.
+"""Projection of points to pixels and back, with OpenCV's distortion.
 
 A point (x, y, 1) in a camera's frame (x right, y down, z ahead) lands at K (x', y', 1) with
 
@@ -21,7 +21,7 @@ from trocar.errors import InputError, SingularError
 
 Array = NDArray[np.float64]
 
-#: How many coefficients there may be. Source: OpenCV; 12 and 14 would be thin prisms and tilt.
+#: Allowed numbers of coefficients. Source: OpenCV; 12 and 14 would be thin prisms and tilt.
 COUNTS = (0, 4, 5, 8)
 #: Distorted points are followed from the middle outwards in so many steps, so that the inverse
 #: stays on the branch that the middle lies on; the finer to look for folds. Source: our own choice.
@@ -58,7 +58,7 @@ def check_distortion(coefficients: ArrayLike) -> Array:
 
 
 def distort(points: ArrayLike, coefficients: ArrayLike) -> Array:
-    """Return where a lens moves points of the plane z = 1.
+    """Distort points of the plane z = 1 as a lens does.
 
     Args:
         points: (..., 2)
@@ -77,7 +77,7 @@ def distortion_jacobian(points: ArrayLike, coefficients: ArrayLike) -> Array:
 
 
 def distort_with_jacobian(points: Array, coefficients: Array) -> tuple[Array, Array]:
-    """Return where lenses move points (..., 2) of the plane z = 1, and its derivative (..., 2, 2).
+    """Distort points (..., 2) of the plane z = 1; return them and the derivative (..., 2, 2).
 
     Args:
         points: (..., 2)

@@ -1,4 +1,4 @@
-"""What is known of a camera: frozen records, checked as they are made.
+"""Descriptions and calibrations of cameras: frozen records, checked as they are made.
 
 Frames of cameras are optical: x right, y down, z ahead. The middle of the upper left pixel is
 (0, 0).
@@ -38,7 +38,7 @@ SQUARENESS = 2.5
 NEAREST_EYES, FARTHEST_EYES = 1e-4, 0.2
 #: Eyes look at the same things: their axes are no farther apart. Source: our own choice. [rad]
 WIDEST_SQUINT = np.deg2rad(45.0)
-#: How far an endoscope may be bent. Source: the dVRK's are straight, or 30 deg up or down. [rad]
+#: Allowed bends of an endoscope. Source: the dVRK's are straight, or 30 deg up or down. [rad]
 BENDS = (-np.pi / 6.0, 0.0, np.pi / 6.0)
 
 
@@ -69,7 +69,7 @@ class Intrinsics:
 
     @property
     def model(self) -> DistortionModel:
-        """What ROS calls the distortion."""
+        """Name of the distortion model in ROS."""
         return "plumb_bob" if len(self.distortion) == 5 else "rational_polynomial"
 
     @property
@@ -103,7 +103,7 @@ class Intrinsics:
 
 @dataclass(frozen=True, eq=False)
 class Rectification:
-    """How a picture is turned so that the rows of two eyes agree.
+    """Rotation and projection of one eye's picture that align its rows with the other eye's.
 
     Attributes:
         R: R_rectified_eye (3, 3)
@@ -257,7 +257,7 @@ def bend(angle: float) -> Array:
 
 
 def check_bend(angle: float) -> float:
-    """Return how far a scope is bent, exactly [rad].
+    """Return the allowed bend of a scope that an angle stands for, exactly [rad].
 
     Raises:
         InputError: no such scope

@@ -1,4 +1,4 @@
-"""How the pictures of two eyes are turned so that a point lies in the same row of both."""
+"""Rectification of two eyes: turn their pictures so that a point lies in the same row of both."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class CameraInfo:
 
 
 def camera_infos(calibration: Calibration) -> tuple[CameraInfo, ...]:
-    """Return what ROS tells of each eye, left first."""
+    """Return the ROS camera info of each eye, left first."""
     return tuple(
         CameraInfo(eye.width, eye.height, eye.model, eye.distortion, eye.K, turn.R, turn.P)
         for eye, turn in zip(calibration.eyes, rectified(calibration), strict=True)

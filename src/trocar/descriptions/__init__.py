@@ -1,4 +1,4 @@
-"""Which mechanism: arms, tools and rigs as frozen records read from TOML."""
+"""Descriptions of arms, tools and rigs: frozen records read from TOML."""
 
 from trocar.descriptions.catalogue import load_arm, load_rig, load_tool, names
 from trocar.descriptions.mounting import fitting_tools, rig_with_tool

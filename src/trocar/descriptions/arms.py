@@ -95,7 +95,7 @@ def read_coupling(table: Table) -> Coupling | None:
 
 
 def read_counterweight(table: Table) -> Counterweight | None:
-    """Return what balances a joint, None without one."""
+    """Return the counterweight of a joint, None without one."""
     if "counterweight" not in table:
         return None
     row = table.table("counterweight")
@@ -197,7 +197,7 @@ class ArmPoseKeys:
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """What arm files and tool files have in common."""
+    """The contents that arm files and tool files have in common."""
 
     joints: tuple[JointDescription, ...]
     frames: tuple[Frame, ...]
@@ -216,11 +216,11 @@ class ToolDescription:
     """An instrument that mounts on an arm; its frames hang on the arm's tool frame.
 
     Attributes:
-        name, title, source, file: who it is
+        name, title, source, file: its identification
         fits: generations of arms that it mounts on; empty when on any
         tip: the frame whose pose is the tip's
         parts: its joints, frames, bodies and what belongs to them
-        coupling: its actuators, None when nobody knows
+        coupling: its actuators, None when unknown
     """
 
     name: str
@@ -430,7 +430,7 @@ INVERSE_TOLERANCE = 1e-9
 
 
 def check_arm(arm: ArmDescription) -> None:
-    """Reject names that nobody has, gains that are missing, and contradictions.
+    """Reject unknown names, missing gains, and contradictions.
 
     Raises:
         DescriptionError: naming file, key, what was got and what is allowed

@@ -19,8 +19,8 @@ from trocar.kinematics.mechanism import Mechanism
 
 Array = NDArray[np.float64]
 
-#: Where the direction from the pitch axis to the centre points in the paper's frame.
-#: Source: closed-loop paper, Table 7. The sense of the axis across both is not told; it is ours.
+#: Direction from the pitch axis to the centre in the paper's frame. Source: closed-loop paper,
+#: Table 7. The paper does not give the sense of the axis across both; it is our own choice.
 TOWARDS: dict[str, tuple[float, float, float]] = {"PSM": (0.0, -1.0, 0.0), "ECM": (1.0, 0.0, 0.0)}
 
 
@@ -72,7 +72,7 @@ def mean_direction(lines: Sequence[Line]) -> Array:
 
 
 def along_to_plane(line: Line, through: Array, normal: Array) -> float:
-    """Return how far along a line from its point it pierces a plane [m]."""
+    """Return the distance along a line from its point to its intersection with a plane [m]."""
     return float((through - line.point) @ normal) / float(line.direction @ normal)
 
 
@@ -95,7 +95,7 @@ def line_angle(to: tuple[Line, Line], start: tuple[Line, Line], through: Array) 
 
 
 def _pierced(lines: Sequence[Line], through: Array) -> list[Array]:
-    """Return where lines pierce the plane across their mean direction through a point."""
+    """Return the intersections of lines with the plane across their mean direction at a point."""
     normal = mean_direction(lines)
     return [n.point + along_to_plane(n, through, normal) * n.direction for n in lines]
 
@@ -105,7 +105,7 @@ def axes_frame(x: Array, sense: float, towards: Array) -> Array:
 
     Args:
         x: the centre, then point and direction of the pitch axis, then of the yaw axis, (15,)
-        sense: +1 or -1, by which the pitch axis is told along the description's
+        sense: +1 or -1, the factor that points the pitch axis along the description's
         towards: where in the paper's frame the centre lies, (3,)
     """
     centre, g, h, y, k = x.reshape(5, 3)

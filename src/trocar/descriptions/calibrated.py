@@ -1,4 +1,4 @@
-"""Which overlays go on which arm of a rig."""
+"""Application of overlays to the arms of a rig."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Calibration = One | Mapping[str, One] | Sequence[One]
 #: Built-in dynamics overlays, and what their names look like.
 DYNAMICS = Path(__file__).parent / "data" / "dynamics"
 NAME = re.compile(r"[a-z0-9_]+")
-#: What selects the dynamics of the descriptions, masses of CAD models, in place of an overlay.
+#: Name that selects the dynamics of the descriptions, masses of CAD models, in place of an overlay.
 CAD = "cad"
 #: The name of an arm ahead of a "=", and what follows it.
 NAMED = re.compile(r"([A-Za-z][A-Za-z0-9_]*)=(.+)")

@@ -1,4 +1,4 @@
-"""What a calibration reports of an arm: its axes by label, their distances, and angles."""
+"""Plan of an arm's calibration report: axes by label, their distances, and angles."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Pair = tuple[str, str]
 
 @dataclass(frozen=True)
 class CalibrationPlan:
-    """Which axes of a mechanism are measured, and which figures of them are reported.
+    """The measured axes of a mechanism, and the reported figures of them.
 
     An axis is named after the frame that moves about it, or after the closure whose hinge it is.
 
@@ -55,7 +55,7 @@ def read_calibration(table: Table) -> CalibrationPlan | None:
 
 
 def check_plan(plan: CalibrationPlan, mechanism: Mechanism) -> str:
-    """Say which axis of a plan the mechanism does not have, "" when it has all."""
+    """Return the problem of the first axis of a plan that the mechanism lacks, "" without one."""
     known = default_axes(mechanism)
     for label, name in plan.axes.items():
         if name not in known:

@@ -32,7 +32,7 @@ from trocar.kinematics.forward import pose
 Array = NDArray[np.float64]
 
 PRESETS = Path(__file__).parent / "data" / "cameras"
-#: Where a camera comes from: a preset or file, or the files of the left and the right eye.
+#: Source of a camera: a preset or file, or the files of the left and the right eye.
 Source = str | Path | Sequence[str | Path]
 KINDS: tuple[str, ...] = get_args(CameraKind)
 #: A view looks this way up: away from the patient's floor. Source: our own choice.
@@ -216,7 +216,7 @@ def read_camera(row: Table, arms: Sequence[RigArm]) -> CameraDescription:
 
     Raises:
         DescriptionError: an unknown kind, arm, frame or preset, a broken calibration, or a
-            direction that is none
+            viewing direction of zero length
     """
     keys = row.record(CameraKeys, row.text("kind", allowed=KINDS))
     angle = 0.0

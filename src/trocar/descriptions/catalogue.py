@@ -191,7 +191,7 @@ def find(shelf: Shelf, name: str | Path) -> Path:
 
 
 def _why_not(instrument: str) -> str:
-    """Say why an instrument that the dVRK knows is not built in, "" for one that it does not."""
+    """Return the reason why an instrument of the dVRK is not built in, "" for an unknown one."""
     for group in read_table(DATA / "instruments.toml").tables("group"):
         if instrument in group.texts("names"):
             return f"{instrument}: {group.text('why')}; docs/how-to/design-a-tool.md says how"

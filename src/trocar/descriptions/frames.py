@@ -271,7 +271,7 @@ def _rotation_to(axis: Array) -> Array:
 
 
 def pin_body(closure: str, part: str) -> Body:
-    """Return what a pin weighs."""
+    """Return the mass properties of a pin."""
     return Body(
         frame=pin_name(closure),
         mass=PIN_MASS_KG,

@@ -1,4 +1,4 @@
-"""What surfaces look like: colour and gloss by the name that shapes use."""
+"""Appearance of surfaces: colour and gloss by the name that shapes use."""
 
 from __future__ import annotations
 

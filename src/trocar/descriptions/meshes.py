@@ -122,7 +122,7 @@ def welded(points: Array, faces: Ints) -> tuple[Array, Ints]:
 
 
 def lfs_problem(data: bytes) -> str:
-    """Return what is wrong with a file that Git LFS has not fetched, "" of any other."""
+    """Return the problem of a file that Git LFS has not fetched, "" for any other."""
     pointer = LFS_POINTER.match(data)
     return "" if pointer is None else (
         f"is a Git LFS pointer to a file of {int(pointer[1])} bytes; allowed: the file itself"
@@ -196,9 +196,9 @@ def _from_obj(data: bytes) -> tuple[Array, Ints, Array | None]:
 
 
 def open_edges(vertices: Array, faces: Ints) -> int:
-    """Return how many edges of triangles have no opposite in another: 0 where a surface is closed.
+    """Return the number of edges of triangles without an opposite edge in another triangle.
 
-    Vertices at the same place count as one.
+    A closed surface has 0. Vertices at the same place count as one.
     """
     _, place = np.unique(vertices, axis=0, return_inverse=True)
     corners = place.reshape(-1)[faces]

@@ -1,4 +1,4 @@
-"""Which tool hangs on which arm of a rig, and how another one takes its place."""
+"""Tools on the arms of a rig, and their exchange for others."""
 
 from __future__ import annotations
 

@@ -476,7 +476,7 @@ def _warped(shape: Shape, axes: tuple[CarriedAxis, ...]) -> Shape:
 
 
 def warp(points: Array, axes: tuple[CarriedAxis, ...]) -> Array:
-    """Return where points of a link lie when its axes have moved, (n, 3) [m]."""
+    """Return the positions of points of a link after its axes have moved, (n, 3) [m]."""
     ways, weights = np.zeros((len(axes), *points.shape)), np.zeros((len(axes), len(points)))
     for k, axis in enumerate(axes):
         height = (points - axis.point) @ axis.along

@@ -1,4 +1,4 @@
-"""What was found of one robot: values that replace those of its description."""
+"""Measured values of one robot that replace those of its description."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ class FilterSettings:
 
 @dataclass(frozen=True, eq=False)
 class Dynamics:
-    """What an identification found of a robot.
+    """The identified dynamics of a robot.
 
     Attributes:
         bodies: {frame of the arm itself: mass distribution of its body}
@@ -123,7 +123,7 @@ class Dynamics:
 
 @dataclass(frozen=True, eq=False)
 class FramePatch:
-    """Where a frame stands in its parent, at coordinate 0: for a hinge, where its axis does.
+    """The pose of a frame in its parent, at coordinate 0: for a hinge, that of its axis.
 
     T_parent_frame = transform(matrix_from_rpy(*rpy), xyz) @ motion_z(coordinate) @ after, with
     what comes after the motion (of standard DH rows) as the description has it.
@@ -144,7 +144,7 @@ class FramePatch:
 
 @dataclass(frozen=True, eq=False)
 class ClosurePatch:
-    """Where a closing hinge sits on its two frames.
+    """The position of a closing hinge on each of its two frames.
 
     Attributes:
         point_a, point_b: the hinge on frame_a and on frame_b, (3,) [m]

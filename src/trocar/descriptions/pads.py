@@ -1,4 +1,4 @@
-"""Where a jaw holds things: the faces of its fingers."""
+"""Holding surfaces of a jaw: the faces of its fingers."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Pads(NamedTuple):
 
 
 def pads(arm: ArmDescription) -> Pads:
-    """Return where an arm's jaw holds things, by what of its left finger touches.
+    """Return the holding surfaces of an arm's jaw, from the colliding shapes of its left finger.
 
     Raises:
         InputError: the arm has no jaw

@@ -40,7 +40,7 @@ TABLE6: dict[str, dict[str, float]] = {
         "6-7": 0.0374,
     },
 }
-#: How far the lengths that the paper's own models have are from what it measured: 3-6 of the PSM,
+#: Difference of the lengths of the paper's own models from its measurements: 3-6 of the PSM,
 #: 0.150 m against 0.1487 m, the hundredth for rounding. Source: closed-loop paper, Tables 4 and 6.
 TABLE6_SPREAD_M = 1.31e-3
 
@@ -65,7 +65,7 @@ TABLE7: dict[str, tuple[PaperRcm, PaperRcm]] = {
         PaperRcm((338.44e-3, -0.05e-3, -0.54e-3), (2.17e-3, 1.14e-3, 0.85e-3)),
     ),
 }
-#: How far the paper's simulation is from its hardware [m]. Source: closed-loop paper, 4.2.
+#: Distance of the paper's simulation from its hardware [m]. Source: closed-loop paper, 4.2.
 TABLE7_ERROR_M = {"PSM": 3.46e-3, "ECM": 3.91e-3}
 
 

@@ -1,4 +1,4 @@
-"""What installed packages add by entry points: arms, tools, props, controllers and others.
+"""Entry points of installed packages: arms, tools, props, controllers and others.
 
 A package registers a name in the group `trocar.KIND`, see docs/extending.md.
 """
@@ -17,7 +17,7 @@ Kind = Literal["arms", "tools", "rigs", "props", "scenes", "tasks", "controllers
 
 @lru_cache
 def registered(kind: Kind) -> dict[str, EntryPoint]:
-    """Return what installed packages register, by name; nothing is imported.
+    """Return the entry points that installed packages register, by name; import nothing.
 
     Raises:
         InputError: two packages register one name

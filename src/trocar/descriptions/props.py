@@ -49,7 +49,7 @@ Array = NDArray[np.float64]
 
 #: Name of the rig itself as a source of commands.
 RESERVED = ("world",)
-#: What a part of a topic's name may be. Source: ROS 1 and ROS 2, "Names".
+#: Allowed part of a topic's name. Source: ROS 1 and ROS 2, "Names".
 OBJECT_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 #: Thinner than this share of its length, a mesh has no volume. Source: our own choice; MuJoCo
 #: rejects hulls without volume.
@@ -176,7 +176,10 @@ def _needles(props: Iterable[Prop]) -> dict[str, Needle]:
 
 
 def _tied(row: Table, joint: PropJoint, at: Array, before: Sequence[Prop]) -> Array:
-    """Return where a thread begins that is tied to a free prop: at the end of a needle, if none."""
+    """Return the pose of the beginning of a thread that is tied to a free prop.
+
+    It is the end of a needle where the row gives no position.
+    """
     free = {prop.name: prop for prop in before if prop.movable and not prop.joint}
     if joint.kind != "ball" or joint.on not in free:
         raise row.fail(
@@ -278,7 +281,7 @@ def _read_bodies(row: Table, name: str) -> tuple[Body, ...]:
 
 
 def _from_bodies(row: Table, bodies: Sequence[Body]) -> Movable:
-    """Return what bodies weigh as one, or what they would at the mass that the rig gives."""
+    """Return the mass properties of bodies as one, scaled to the mass that the rig may give."""
     mass, com, inertia = merged(bodies)
     total = read_mass(row, MassKeys()) if row.has("mass", "mass") else mass
     return Movable(total, com, inertia * total / mass, bodies[0].inertia_from)

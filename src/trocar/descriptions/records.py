@@ -1,4 +1,4 @@
-"""What a description holds: frozen records in SI units."""
+"""Contents of descriptions: frozen records in SI units."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from trocar.kinematics.coupling import Coupling
 from trocar.kinematics.mechanism import JointKind, Mechanism
 
 Array = NDArray[np.float64]
-#: What of a drawn solid collides: nothing, its convex pieces, or a box or capsule about them all.
+#: Colliding part of a drawn solid: nothing, its convex pieces, or a box or capsule about them all.
 Touches = Literal["nothing", "pieces", "box", "capsule"]
 ShapeKind = Literal["box", "capsule", "cylinder", "sphere", "mesh"]
 PropJointKind = Literal["hinge", "slide", "ball"]
@@ -248,7 +248,7 @@ class ArmDescription:
     """One arm with its mounted tool: the only truth about it.
 
     Attributes:
-        name, type, generation, title, source: who it is; `type` is PSM, ECM, SUJ or MTM
+        name, type, generation, title, source: its identification; `type` is PSM, ECM, SUJ or MTM
         file: the TOML file
         mechanism: frames, joints and loops, with the tool's
         joints: what is known of each public joint, in the mechanism's order
@@ -316,7 +316,7 @@ class ArmDescription:
 
     @property
     def own_joints(self) -> int:
-        """How many joints `measured_js` has: all but a jaw or a gripper."""
+        """The number of joints in `measured_js`: all but a jaw or a gripper."""
         return len(self.joints) - (self.has_jaw or self.has_gripper)
 
     def joint(self, name: str) -> JointDescription:
@@ -378,7 +378,7 @@ class RigArm:
 
 @dataclass(frozen=True, eq=False)
 class Movable:
-    """What a prop needs to fall and to be pushed.
+    """The mass properties of a prop that can fall and be pushed.
 
     Attributes:
         mass: [kg]
@@ -501,19 +501,19 @@ class BandPoint:
 
 @dataclass(frozen=True, eq=False)
 class RigDescription:
-    """Which arms stand where.
+    """A rig: arms with their bases, props, poses, sensors, masters' pairs and cameras.
 
     Attributes:
-        name, title, source, file: who it is
+        name, title, source, file: its identification
         arms: carriers before what they carry
         props: bodies that stand in the world, and those that can be moved
         poses: {pose: {arm: q (n,)}}; "start" has every arm
         test_share: share of the test trajectory's amplitude at which the arms do not meet; they
             then swing about the pose "test"
         display: the stereo display's pose in the world, (4, 4), None without a console
-        sensors: what `World.sensor` reads, in the order of the file
-        teleops: which master moves which arm, in the order of the file
-        cameras: what `World.cameras` tells of, in the order of the file
+        sensors: those that `World.sensor` reads, in the order of the file
+        teleops: pairs of a master and the arm that it moves, in the order of the file
+        cameras: those of `World.cameras`, in the order of the file
         reference_arm: arm on setup joints whose tip frame the poses of the others are in
         bands: elastic bands between props
         extension: path of the Python file whose `extend_spec` adds to the model, "" for none
@@ -546,7 +546,7 @@ class RigDescription:
 
     @property
     def setup_joints(self) -> tuple[str, ...]:
-        """What each of the setup joints was made for: "PSM1" of SUJ_PSM1."""
+        """The arm that each of the setup joints was made for: "PSM1" of SUJ_PSM1."""
         return tuple(a.name.removeprefix("SUJ_") for a in self.arms if a.arm.type == "SUJ")
 
     @property

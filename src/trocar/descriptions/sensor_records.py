@@ -14,7 +14,7 @@ from trocar.descriptions.keys import key
 Array = NDArray[np.float64]
 #: {value of a reading: dimension of its noise, "" for none, and unit}.
 Values = Mapping[str, tuple[str, str]]
-#: Which bodies and flexes of the model, (n_bodies + n_flexes,).
+#: Mask over the bodies and flexes of the model, (n_bodies + n_flexes,).
 Bodies = NDArray[np.bool_]
 
 
@@ -192,10 +192,10 @@ class PlaceMotion:
 
 
 class Physics(Protocol):
-    """What sensors sample; `trocar.simulation.probes` computes it.
+    """The quantities that sensors sample; `trocar.simulation.probes` computes them.
 
-    It stands here because descriptions may not import the simulation, and a kind of sensor is read
-    and sampled in one place.
+    The protocol stands here because descriptions may not import the simulation, and a kind of
+    sensor is read and sampled in one place.
     """
 
     @property
@@ -204,7 +204,7 @@ class Physics(Protocol):
         ...
 
     def effort(self, arm: str, joint: str) -> float:
-        """Return what a motor exerts on its joint [N m or N]."""
+        """Return the effort of a motor on its joint [N m or N]."""
         ...
 
     def bodies(self, arm: str = "", frame: str = "") -> Bodies:
@@ -212,7 +212,7 @@ class Physics(Protocol):
         ...
 
     def contacts(self, mine: Bodies) -> tuple[Contact, ...]:
-        """Return where some bodies touch others or each other."""
+        """Return the contacts of some bodies with others or with each other."""
         ...
 
     def wrench(self, mine: Bodies, at: Place) -> tuple[Array, Array]:
@@ -237,7 +237,7 @@ class Physics(Protocol):
         ...
 
     def motion(self, at: Place) -> PlaceMotion:
-        """Return how a place moves."""
+        """Return the motion of a place in its own axes."""
         ...
 
 

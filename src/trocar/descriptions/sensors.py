@@ -109,7 +109,7 @@ class SensorTable:
 
 @dataclass(frozen=True, eq=False)
 class EffortReading(SensorReading):
-    """What a motor exerts on its joint [N m or N]."""
+    """The effort of a motor on its joint [N m or N]."""
 
     effort: float
 
@@ -183,7 +183,7 @@ class PlacedSensor(SensorDescription):
 
     @property
     def place(self) -> Place:
-        """Where it is."""
+        """Its place on the arm or prop, with its pose there."""
         return Place(self.arm, self.frame, self.pose)
 
     @property
@@ -194,7 +194,7 @@ class PlacedSensor(SensorDescription):
 
 @dataclass(frozen=True, eq=False)
 class WrenchReading(SensorReading):
-    """What the environment does to an instrument, at the sensor's origin in its axes.
+    """The wrench of the environment on an instrument, at the sensor's origin in its axes.
 
     Attributes:
         force: (3,) [N]
@@ -240,7 +240,7 @@ class TipWrench(PlacedSensor):
 
 @dataclass(frozen=True, eq=False)
 class ImuReading(SensorReading):
-    """What an inertial measurement unit measures, in its own axes.
+    """The measurement of an inertial measurement unit, in its own axes.
 
     Attributes:
         angular_velocity: (3,) [rad/s]

@@ -73,7 +73,7 @@ def parallel(one: Line, two: Line) -> bool:
 
 
 def spacing(one: Line, two: Line, through: Array | None) -> float:
-    """Return how far apart two axes are [m].
+    """Return the distance between two axes [m].
 
     Args:
         one, two: in one frame
@@ -96,7 +96,7 @@ def tilt(one: Line, two: Line) -> float:
 def serial_figures(
     joints: tuple[SerialJoint, ...], markers: Mapping[str, Array] | None = None
 ) -> Mapping[str, Mapping[str, float]]:
-    """Return how axes stand to the next one.
+    """Return distance and angle of each axis to the next one.
 
     Args:
         joints: in turn

@@ -367,7 +367,7 @@ def read_drawn(table: Table, keys: DrawnKeys) -> tuple[Solid | None, Touches]:
 
 
 def impossible(inertia: Array) -> str:
-    """Say why an inertia about the centre of mass belongs to no body, or return ""."""
+    """Return the reason why an inertia about the centre of mass is impossible, "" if it is not."""
     low, middle, high = np.linalg.eigvalsh(inertia)
     if low <= 0.0:
         return f"no possible body: smallest principal inertia {low:.3g}, allowed above 0"

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 DATA = Path(__file__).parent / "data" / "solids"
 INDEX = "solids.toml"
-#: What convex pieces are made of, where somebody looks at them all the same.
+#: Material of convex pieces, for viewers that show hidden shapes.
 UNSEEN = "joint"
 
 

@@ -357,7 +357,7 @@ class Table:
         return [Table(row, self.file, f"{where}[{i}]") for i, row in enumerate(rows)]
 
     def each(self, key: str, read: Callable[[Table], Row], again: str = "") -> tuple[Row, ...]:
-        """Return what `read` makes of each of a list of sub-tables; it need not call `done`.
+        """Return the result of `read` for each of a list of sub-tables; it need not call `done`.
 
         Args:
             key: of the list, which may be absent

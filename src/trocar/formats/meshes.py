@@ -302,7 +302,7 @@ class MeshFinder:
         """Return the file of a URI or relative path.
 
         Raises:
-            ImportFileError: there is none; the message names the places searched
+            ImportFileError: no such file; the message names the places searched
         """
         scheme, mark, rest = uri.partition("://")
         if not mark:

@@ -142,7 +142,7 @@ class XmlNode:
         """Return an attribute.
 
         Raises:
-            ImportFileError: there is none, and no default
+            ImportFileError: the attribute is missing and has no default
         """
         value = self._element.get(key, default)
         if value is None:

@@ -185,7 +185,7 @@ def write_numbers(value: Any, code: str, count: int = 0) -> bytes | bytearray | 
         data = value
     elif not isinstance(value, np.ndarray):
         data = pack(f"<{len(value)}{code}", *value)
-    elif value.dtype is DTYPES[code] and value.size <= CACHED:
+    elif value.dtype is DTYPES[code] and value.size <= CACHED:  # pyright: ignore[reportUnknownMemberType]  a cast costs time
         data = value.tobytes()
     else:
         data = np.ascontiguousarray(value, dtype=DTYPES[code]).reshape(-1).view("u1").data
@@ -230,7 +230,7 @@ def read_strings(data: bytes, at: int, wire: Wire) -> tuple[list[str], int]:
     (count,) = unpack_from("<I", data, at)
     at += 4
     room(data, at, count, 4)
-    values = []
+    values: list[str] = []
     for _ in range(count):
         if wire.aligned:
             at += (wire.origin - at) % 4
@@ -509,7 +509,7 @@ class ReaderSource(Script):
 
     def message(self, kind: MessageType) -> str:
         """Read each field of a message; returns the dict as an expression."""
-        entries = []
+        entries: list[str] = []
         for field in self.fields(kind):
             if field.only_ros1:
                 self.scalar(SCALARS[field.type])

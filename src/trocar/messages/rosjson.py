@@ -9,10 +9,10 @@ from __future__ import annotations
 import base64
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache, partial
 from operator import attrgetter
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
 import msgspec
 import numpy as np
@@ -120,9 +120,10 @@ def _from_json_slowly(
 def _with_nan(given: Any) -> Any:
     """Replace null by NaN, which JSON has no number for."""
     if isinstance(given, dict):
-        return {name: _with_nan(value) for name, value in given.items()}
+        known = cast(dict[str, Any], given)
+        return {name: _with_nan(value) for name, value in known.items()}
     if isinstance(given, list | tuple):
-        return [_with_nan(value) for value in given]
+        return [_with_nan(value) for value in cast(Sequence[Any], given)]
     return math.nan if given is None else given
 
 
@@ -132,7 +133,8 @@ def _rejected(kind: MessageType, given: Any, text: str) -> MessageError:
     path = at.rstrip("`").removeprefix("$").removeprefix(".") if at.startswith("$") else ""
     value: Any = given
     for name, index in STEP.findall(path):
-        if isinstance(value, dict):
+        held: object = value
+        if isinstance(held, dict):
             field = fields_by_name(kind).get(name)
             if field is not None and field.is_message:
                 kind = message_type(field.type)

@@ -13,10 +13,11 @@ from __future__ import annotations
 
 import hashlib
 import re
+from collections.abc import Sized
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -78,7 +79,7 @@ def shown(value: object) -> str:
     if isinstance(value, str):
         return repr(value if len(value) <= LONGEST else value[:LONGEST] + "...")
     if isinstance(value, bytes | bytearray | list | tuple | dict):
-        return f"{type(value).__name__} of {len(value)}"
+        return f"{type(cast(object, value)).__name__} of {len(cast(Sized, value))}"
     return type(value).__name__
 
 

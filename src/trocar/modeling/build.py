@@ -177,7 +177,8 @@ def position_inputs(model: RigModel, setpoints: Array) -> Array:
     """
     p, d = -model.mj.actuator_biasprm[:, 1], -model.mj.actuator_biasprm[:, 2]
     q, v, effort = np.moveaxis(setpoints, -1, 0)
-    found: Array = np.where(p > 0.0, q + (d * v + effort) / np.where(p > 0.0, p, 1.0), effort)
+    servo: Array = q + (d * v + effort) / np.where(p > 0.0, p, 1.0)
+    found: Array = np.where(p > 0.0, servo, effort)
     return found
 
 

@@ -76,13 +76,13 @@ class JointTable:
         share: generalised force on q = share @ force on hinges, (J, nv); loops as parallelograms
         couple: hinge coordinates = couple @ q, (nq, J), for arms whose loops are parallelograms
         lower, upper: joint limits [rad or m]
-        effort_max: the motors' limits, UNLIMITED where there is none [N m or N]
+        effort_max: the motors' limits, UNLIMITED without one [N m or N]
         slope, corner: beyond the speed `corner` the supply's voltage takes this much of a motor's
             effort for each unit of speed; 0 and inf where it does not [N m s/rad or N s/m, rad/s or
             m/s]
         gains: P, I, D that the rig starts with, (J, 3)
         compensated: whether its control feeds gravity forward, (J,) bool
-        tolerance: tracking error that trips the arm, inf where none does [rad or m]
+        tolerance: tracking error that trips the arm, inf where no error does [rad or m]
         fingers: joints that have a spring and no motor, as a master's gripper, (J,) bool
         braked: joints with a brake, (J,) bool
     """
@@ -140,7 +140,9 @@ def joint_table(
         gains_of = preset(rig_arm.arm, control)
         if rows.start == rows.stop:
             continue
-        column: dict[str, int] = {mechanism.frames[h].name: k for k, h in enumerate(index.hinges)}
+        column: dict[str, int] = {
+            mechanism.frames[int(h)].name: k for k, h in enumerate(index.hinges)
+        }
         for row, joint in enumerate(rig_arm.arm.joints, start=rows.start):
             names.append(naming.scoped(rig_arm.name, joint.name))
             for frame, weight in joint.drive:

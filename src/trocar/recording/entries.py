@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trocar.descriptions.sensor_records import Contact
 from trocar.descriptions.sensors import KINDS, ContactsReading
@@ -80,9 +81,9 @@ def plain(value: object) -> Any:
     What a record holds comes back with its type, other tuples come back as lists.
     """
     if isinstance(value, np.ndarray):
-        return _array(value)
+        return _array(cast(NDArray[Any], value))
     if isinstance(value, np.generic):
-        return plain(value.item())
+        return plain(cast(Any, value).item())
     if value is None or isinstance(value, bool | int | str):
         return value
     if isinstance(value, float):
@@ -110,21 +111,26 @@ def _record(value: object) -> Any:
     if isinstance(value, Profile):
         return {RECORD: Profile.__name__, "inputs": _record(value.__reduce__()[1])}
     if type(value) in _CLASSES:
-        fields = cast(Any, value)._asdict() if isinstance(value, tuple) else vars(value)
-        return {RECORD: type(value).__name__, **{k: _record(part) for k, part in fields.items()}}
+        kind = type(value).__name__
+        fields: dict[str, Any] = (
+            cast(Any, value)._asdict() if isinstance(value, tuple) else vars(value)
+        )
+        return {RECORD: kind, **{k: _record(part) for k, part in fields.items()}}
     if isinstance(value, tuple | list | frozenset):
         parts = [_record(part) for part in cast(list[object], value)]
         mark = TUPLE if isinstance(value, tuple) else SET
         return parts if isinstance(value, list) else {mark: parts}
     if isinstance(value, slice):
-        return {SLICE: [_record(part) for part in (value.start, value.stop, value.step)]}
+        cut = cast(Any, value)
+        return {SLICE: [_record(part) for part in (cut.start, cut.stop, cut.step)]}
     if isinstance(value, bytes):
         return {BYTES: base64.b64encode(value).decode()}
     if isinstance(value, Mapping):
         items = cast(Mapping[object, object], value).items()
         return {str(key): _record(part) for key, part in items}
     found = plain(value)
-    if isinstance(found, dict) and UNKNOWN in found:
+    marked: object = found
+    if isinstance(marked, dict) and UNKNOWN in marked:
         raise TypeError(repr(value)[:200])
     return found
 

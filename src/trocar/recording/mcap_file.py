@@ -186,7 +186,7 @@ class McapFile:
         self._stream = stream
         self._start, self._timestep = float(about["start_s"]), float(about["timestep_s"])
         self._every = max(1, round(MESSAGE_PERIOD_S / self._timestep))
-        #: Where the last two whole chunks end, and how many rows the file has there.
+        #: (end offset, number of rows in the file up to there) of the last two whole chunks.
         self._whole: list[tuple[int, int]] = []
         self._writer: Any = mcap_library("recording").writer.Writer(_Stream(stream))
         self._writer.start("ros2", f"trocar {about['trocar']}")

@@ -32,10 +32,10 @@ from trocar.simulation.journal import Entry
 
 Array = NDArray[np.float64]
 
-#: What Python raises for damaged lengths and texts, memory for a length of terabytes among it.
+#: Errors of Python for damaged lengths and texts, for memory too: a length may be terabytes.
 UNREADABLE = ValueError, struct.error, MemoryError, OverflowError
 
-#: What Python raises for damaged JSON.
+#: Errors of Python for damaged JSON.
 DAMAGED = KeyError, TypeError, ValueError, AttributeError, RecursionError
 
 

@@ -57,7 +57,8 @@ class StateSampler:
         #: The meaning of the rows as they are now.
         self.layout = layout_of(world, 0)
         self._new_base = False
-        self._gains, self._revision = effective_gains(world), world.servos.revision
+        self._gains = effective_gains(world)
+        self._revision: int = world.servos.revision
         self._new_block()
         self._stops = world.listen(self._note), world.observe(self._sample)
         self._sample()

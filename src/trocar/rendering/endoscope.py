@@ -102,7 +102,7 @@ class Stream:
         """Return a frame that is newer than another one, or the first.
 
         Raises:
-            TrocarError: there is none after the timeout, or the reason why no more are drawn
+            TrocarError: no new frame within the timeout, or the reason why no more are drawn
         """
 
         def fresh() -> bool:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from trocar.robot.calibration.paper_robot import PaperTwin
     from trocar.robot.calibration.registration import Base
 
-#: What a plan assumes. Source: sweeps and rate as of `trocar mocap`; OptiTrack PrimeX 22 cameras
+#: Defaults of a plan. Source: sweeps and rate as of `trocar mocap`; OptiTrack PrimeX 22 cameras
 #: were within 0.12 mm across their line of sight (Krumpek, Kroeger, Mohr 2025, arXiv 2502.21189);
 #: cluster: our own choice.
 PLAN = {

@@ -349,7 +349,7 @@ class Core:
         self._sampler.put(name, fields)
 
     def latched(self, name: str) -> Message | None:
-        """Return the message that a new subscriber gets at once; None where there is none yet."""
+        """Return the latched message of a topic for new subscribers; None before the first."""
         return self._publishing.last(name)
 
     def publish_waiting(self) -> int:

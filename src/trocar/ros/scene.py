@@ -60,7 +60,7 @@ Array = NDArray[np.float64]
 WORLD = "world"
 CONTACTS_TYPE = "trocar_msgs/Contacts"
 NOTHING = np.zeros(0)
-#: What a jaw has between its pads: type, unit and help of its topics.
+#: Topics of the object between the pads of a jaw: type, unit and help.
 GRASP = {
     "object": (STRING, "", "object between the pads, empty for none"),
     "force": (FLOAT, "N", "force on the object, the lesser of both pads"),

@@ -212,7 +212,7 @@ class Node:
         """Return a parameter that the script has set, or the default.
 
         Raises:
-            KeyError: there is none, and no default
+            KeyError: the parameter is not set, and no default is given
         """
         if self.has_param(param_name) or not default:
             return self._parameters[self.key(param_name)]

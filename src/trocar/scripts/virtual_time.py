@@ -66,7 +66,7 @@ class Scheduler:
         self._waiting: list[Waiter] = []
         self._first: Waiter | None = None
         self._looks, self._looked_ns = 0, -1
-        #: Why the run is over, to be raised in the script's own thread.
+        #: The error that ended the run, to be raised in the script's own thread.
         self.failure: BaseException | None = None
 
     def wait(self, ready: Callable[[], bool], timeout_s: float | None) -> bool:
@@ -307,7 +307,7 @@ def thread_classes(scheduler: Scheduler) -> dict[str, Any]:
     return {name: names[name] for name in own}
 
 
-#: How long a person takes to answer `input`, in simulated time; our own choice. [s]
+#: Simulated time that an answer to `input` takes. Source: our own choice. [s]
 ANSWER_S = 1.0
 
 

@@ -101,8 +101,8 @@ class Jaw:
 #: A gripper counts as closed below this opening. Source: our own choice; the dVRK's default is 0
 #: on a potentiometer that is calibrated to pass it. [rad]
 CLOSED_RAD = float(np.deg2rad(1.0))
-#: How long it must be so until that is reported. Source: SAW mtsIntuitiveResearchKitMTM.h,
-#: gripper_events.debounce_threshold. [s]
+#: Time for which it must stay closed or open before that is reported.
+#: Source: SAW mtsIntuitiveResearchKitMTM.h, gripper_events.debounce_threshold. [s]
 DEBOUNCE_S = 0.2
 
 

@@ -223,7 +223,7 @@ def apply_command(world: object, entry: Entry) -> None:
     """Repeat a command.
 
     Raises:
-        InputError: it is none that a world or an arm has
+        InputError: neither a world nor an arm has this command
         TrocarError: as the verb raises
     """
     verb_of(_commanded(cast(Any, world), entry.source), entry.source, entry.name)(**entry.values)
@@ -252,7 +252,7 @@ def verb_of(owner: object, source: str, name: str) -> Callable[..., Any]:
 
 
 def _member(owner: object, name: str) -> Any:
-    """Return an attribute, None where there is none; names that moved are not looked for."""
+    """Return an attribute, None if it is missing; do not search for names that moved."""
     known = name in getattr(owner, "__dict__", ()) or hasattr(type(owner), name)
     return getattr(owner, name) if known else None
 

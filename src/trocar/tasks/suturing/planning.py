@@ -640,7 +640,7 @@ def _why_not(
     where: tuple[Array, float],
     best: Stitch | None,
 ) -> str:
-    """Say why no arm reaches a stitch: which joint is in the way, and by how much."""
+    """Return the reason that no arm reaches a stitch: the joint at its limit, and by how much."""
     needle, (wound, place) = tissue.wire, where
     yaw = np.degrees(np.arctan2(wound[1, 0], wound[0, 0]))
     at = np.round(1e3 * (wound @ [place, 0.0, 0.0, 1.0])[:3], 1).tolist()

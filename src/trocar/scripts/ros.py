@@ -318,8 +318,10 @@ class Subscriber(_End):
         **__: Any,
     ) -> None:
         self._connect(name, data_class)
-        call = callback or (lambda *_: None)
-        heard = call if callback_args is None else lambda m: call(m, callback_args)
+        call: Callable[..., None] = callback or (lambda *_: None)
+        heard: Callable[[Any], None] = call
+        if callback_args is not None:
+            heard = lambda m: call(m, callback_args)  # noqa: E731
         flow = self.node.flow
         self._subscription = Subscription(self._key, self.data_class, heard, queue_size, at_once)
         self._made = flow.steps if flow.virtual and not at_once else None

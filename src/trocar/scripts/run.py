@@ -295,7 +295,7 @@ class Watchdog:
 
 def _line_of(script: Path, thread: threading.Thread) -> int:
     """Return the number of the script's own line where a thread is, 0 without one."""
-    frame = sys._current_frames().get(thread.ident or 0)
+    frame = sys._current_frames().get(thread.ident or 0)  # pyright: ignore[reportPrivateUsage]  documented
     while frame is not None and frame.f_code.co_filename != str(script):
         frame = frame.f_back
     return 0 if frame is None else frame.f_lineno

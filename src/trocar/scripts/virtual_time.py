@@ -300,7 +300,7 @@ def thread_classes(scheduler: Scheduler) -> dict[str, Any]:
 
         def is_set(self) -> bool:
             scheduler.look()
-            return super().is_set()
+            return super().is_set()  # pyright: ignore[reportUnknownMemberType, reportUnknownVariableType]  compiled above
 
     names["Event"] = VirtualEvent
     own = ("Lock", "RLock", "Thread", *(name for name in ON_LOCKS if not name.startswith("_")))

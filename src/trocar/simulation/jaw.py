@@ -192,7 +192,7 @@ class Gripper:
         motors.finger(EFFORT, float(motors.position[-1]), effort)
 
     def _checked(self, what: str, value: float, least: float, most: float) -> float:
-        number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
+        number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)  # pyright: ignore[reportUnnecessaryIsInstance]  public input
         if not number or not least <= value <= most:
             raise InputError(
                 f"{self._source}: gripper: got {what} {value!r}; allowed: {least:g} to {most:.6g}"

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, ParamSpec, Protocol, TypeVar, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trocar.errors import InputError
 
@@ -273,7 +274,7 @@ def _copied(value: object) -> object:
     if isinstance(value, PLAIN):
         return value
     if isinstance(value, np.ndarray):
-        return value.copy()
+        return cast("NDArray[Any]", value).copy()
     if isinstance(value, Mapping):
         return {k: _copied(v) for k, v in cast(Mapping[Any, object], value).items()}
     if isinstance(value, list):

@@ -96,7 +96,7 @@ def load() -> ModuleType:
     """
     try:
         import foxglove
-        import foxglove.websocket
+        import foxglove.websocket  # pyright: ignore[reportUnusedImport]  an attribute of foxglove
     except ImportError:
         raise MissingExtraError("foxglove-sdk", "foxglove", "Foxglove") from None
     return foxglove

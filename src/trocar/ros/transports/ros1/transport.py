@@ -128,7 +128,8 @@ class Rospy:
                 "--ros1: this process is already a ROS 1 node; allowed: one node per process"
             )
         logging.getLogger("rospy").setLevel(logging.CRITICAL)
-        self.rospy.core.configure_logging = lambda *_, **__: None
+        keep: Callable[..., None] = lambda *_, **__: None  # noqa: E731
+        self.rospy.core.configure_logging = keep
         options = {"disable_signals": True, "disable_rosout": True, "disable_rostime": True}
         try:
             self.rospy.init_node(node, argv=[], anonymous=anonymous, **options)

@@ -214,7 +214,7 @@ def load() -> Cyclone:
         from cyclonedds.internal import DDS
     except ImportError:
         raise MissingExtraError("cyclonedds", "ros2", "ROS 2") from None
-    return Cyclone(DDS._dll_handle._name)
+    return Cyclone(DDS._dll_handle._name)  # pyright: ignore[reportPrivateUsage]  no public name
 
 
 @dataclass(frozen=True)

@@ -250,7 +250,7 @@ class ClientSubscription:
     """
 
     name: str
-    periods: dict[Id, float] = field(default_factory=dict)
+    periods: dict[Id, float] = field(default_factory=dict[Id, float])
     throttle: Throttle = field(default_factory=lambda: Throttle(0.0))
     held: EncodedMessage | None = None
 

@@ -18,7 +18,7 @@ from trocar.cli.output import print_json, print_result, progress_steps, table, w
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
-    from argparse import _ArgumentGroup
+    from argparse import _ArgumentGroup  # pyright: ignore[reportPrivateUsage]  it has no public name
 
     from trocar.robot.calibration.budget import Budget
     from trocar.robot.calibration.calibrate import Calibration
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from trocar.robot.calibration.paper_robot import PaperTwin
     from trocar.robot.calibration.registration import Base
 
-#: What a plan assumes. Source: sweeps and rate as of `trocar mocap`; OptiTrack PrimeX 22 cameras
+#: Defaults of a plan. Source: sweeps and rate as of `trocar mocap`; OptiTrack PrimeX 22 cameras
 #: were within 0.12 mm across their line of sight (Krumpek, Kroeger, Mohr 2025, arXiv 2502.21189);
 #: cluster: our own choice.
 PLAN = {
@@ -241,7 +241,8 @@ def _plan(args: Namespace) -> int:
     given = {k: v if getattr(args, k) is None else getattr(args, k) for k, v in PLAN.items()}
     if not 1.0 <= given["rate"] <= 10000.0:
         raise InputError(f"--rate: got {given['rate']:g}; allowed: 1 to 10000 Hz")
-    noise = pose_noise(1e-3 * given["marker_noise_mm"], given["markers"], 1e-3 * given["spread_mm"])
+    marker_m, spread_m = 1e-3 * given["marker_noise_mm"], 1e-3 * given["spread_mm"]
+    noise = pose_noise(marker_m, int(given["markers"]), spread_m)
     arm = load_arm(args.arm)
 
     def budget(amplitude: float) -> Budget:

@@ -51,7 +51,7 @@ def run(args: Namespace) -> int:
     from trocar.robot.calibration.hand_eye import calibrate_camera
 
     allow_overwrite(args, "output", "ros")
-    written = [*([args.output] if args.output else []), *(args.ros or [])]
+    written: list[str] = [*([args.output] if args.output else []), *(args.ros or [])]
     for file in written:
         check_file(file, args.overwrite)
     with progress_steps() as watch:
@@ -88,7 +88,7 @@ def _report(found: HandEye) -> str:
         **{f"{found.ecm} base to {name} base": one for name, one in found.bases.items()},
         **{f"{name} tip to board": one for name, one in found.boards.items()},
     }
-    rows = []
+    rows: list[list[str]] = []
     for what, one in placed.items():
         fields = one.as_dict()
         rows.append(

@@ -111,7 +111,7 @@ def weight(text: str) -> tuple[float, str, tuple[float, float, float]]:
 def weights(
     given: list[tuple[float, str, tuple[float, float, float]]], tip: str
 ) -> list[list[Weight]]:
-    """Return the weights of each log; a mass of 0 is none."""
+    """Return the weights of each log; a mass of 0 means no weight."""
     from trocar.robot.identification import Weight
 
     return [[Weight(kg, frame or tip, point)] if kg else [] for kg, frame, point in given]

@@ -114,12 +114,13 @@ def run(args: Namespace) -> int:
         def watch(time_s: float) -> None:
             draw(round(len(found) * longest_s + time_s), round(args.episodes * longest_s))
 
-        how = {"duration_s": duration_s, "watch": watch}
         if watched:
-            episodes = _watched(args, **how)
+            episodes = _watched(args, duration_s, watch)
         else:
-            seeds = range(args.seed, args.seed + args.episodes)
-            episodes = play(args.scene, seeds, args.workers, args.cluster or "", **how)
+            seeds, cluster = range(args.seed, args.seed + args.episodes), args.cluster or ""
+            episodes = play(
+                args.scene, seeds, args.workers, cluster, duration_s=duration_s, watch=watch
+            )
         for episode in episodes:
             found.append(episode)
             watch(0.0)

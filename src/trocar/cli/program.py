@@ -186,7 +186,7 @@ def _output_problem() -> str:
     """Write what is buffered; return why standard output cannot be written, "" if it can.
 
     Raises:
-        BrokenPipeError: nobody reads it any more
+        BrokenPipeError: the reader of the pipe has closed it
     """
     if sys.stdout is None:
         return "it is closed"

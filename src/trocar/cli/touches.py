@@ -37,12 +37,12 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Simulate, write, and print what was written."""
-    from trocar.descriptions import load_arm
+    from trocar.descriptions import ArmDescription, load_arm
     from trocar.robot.mocap.touches import TouchSettings, write_touches
 
     if not args.boards:
         allow(args, "with --boards", "noise_deg")
-    arms = {}
+    arms: dict[str, tuple[str, ArmDescription]] = {}
     for text in args.arm:
         name, given, description = text.partition("=")
         if not (name and given and description) or name in arms:

@@ -1,4 +1,4 @@
-"""Which clients command each arm."""
+"""The clients that command each arm."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ LOOK_S = 1.0
 STALE_S = 3.0
 #: A client without progress for so long is disconnected. [s]
 GONE_S = 15.0
-#: What a connection buffers before its client counts as slow, and what the system keeps besides:
+#: Bytes buffered per connection before its client counts as slow; the system buffers as many:
 #: about 0.1 s of the full cart at 220 Hz; Linux's 4 MB are two seconds of it. [bytes]
 MOST_BUFFERED = SEND_BUFFER = 256 * 1024
 #: Larger messages end the connection. [bytes]

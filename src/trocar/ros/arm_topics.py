@@ -45,6 +45,7 @@ from trocar.ros.topic import (
     STRING,
     TWIST,
     WRENCH,
+    Make,
     Topic,
     command,
     event,
@@ -454,7 +455,7 @@ def arm_topics(arm: RigArm, acts: Mapping[str, Act]) -> list[Topic]:
     return found
 
 
-def _bound_make(make: Any, name: str) -> Any:
+def _bound_make(make: Any, name: str) -> Make:
     return lambda readings, stamp: make(readings.arm(name), stamp)
 
 

@@ -39,6 +39,7 @@ from trocar.ros.sampler import Sampler
 from trocar.ros.scene import scene_topics
 from trocar.ros.services import LARGEST, Services, service_rows
 from trocar.ros.topic import Emit, Message, Read, Service, Topic, by_name, prefix
+from trocar.simulation.cameras import CameraRecord
 from trocar.simulation.rate_limit import RateLimit, burst, suffix
 
 _log = logging.getLogger("trocar")
@@ -222,7 +223,9 @@ class Core:
             *(part.begin(self) for part in self._components),
         ]
         rig, now = self.loop.world.rig, self.stamper.stamp()
-        cameras = {} if self._images is None else self._images.cameras()
+        cameras: Mapping[str, CameraRecord] = {}
+        if self._images is not None:
+            cameras = self._images.cameras()
         self.emit("tf_static", tf.tf_static(rig, now, cameras))
         self._sampler.start()
         if self._images is not None:
@@ -350,7 +353,7 @@ class Core:
         self._sampler.put(name, fields)
 
     def latched(self, name: str) -> Message | None:
-        """Return the message that a new subscriber gets at once; None where there is none yet."""
+        """Return the latched message of a topic for new subscribers; None before the first."""
         return self._publishing.last(name)
 
     def publish_waiting(self) -> int:
@@ -475,7 +478,7 @@ def expiring(command: Command, timeout_s: float) -> Command:
 
 def topic_table(
     rig: RigDescription,
-    emit: Emit = lambda *_: None,
+    emit: Emit = lambda _topic, _fields: None,
     bedside: console.Bedside | None = None,
 ) -> tuple[Topic, ...]:
     """Return every topic of a rig, those that come later included.

@@ -76,7 +76,7 @@ def flag(message: object, path: str) -> bool:
     """
     value = field(message, path)
     if isinstance(value, (bool, np.bool_)):
-        return bool(value)
+        return bool(cast(object, value))
     raise RefusedError("type", f"got {path} {shown(value)}; allowed: true or false")
 
 
@@ -111,9 +111,10 @@ def vector(message: Any, name: str) -> Array:
     items = value.tolist() if array else value
     if not isinstance(items, (list, tuple)):
         raise RefusedError("type", f"got {name} {shown(value)}; allowed: a list of numbers")
-    if len(items) > LONGEST:
-        raise RefusedError("shape", f"got {len(items)} numbers in {name}; allowed: up to {LONGEST}")
-    numbers: Sequence[object] = items
+    numbers = cast(Sequence[object], items)
+    if len(numbers) > LONGEST:
+        got = f"got {len(numbers)} numbers in {name}"
+        raise RefusedError("shape", f"{got}; allowed: up to {LONGEST}")
     for item in numbers:
         if type(item) is not float or not -LARGEST <= item <= LARGEST:  # the usual case, quickly
             break
@@ -154,7 +155,7 @@ def joints(message: Any, field: str, names: Sequence[str]) -> Array:
 def joints_or_none(message: Any, field: str, names: Sequence[str]) -> Array | None:
     """Return as `joints` does, None where the list is empty or missing."""
     mapping = type(message) is dict or isinstance(message, Mapping)
-    value: Any = message.get(field) if mapping else None
+    value = cast(Any, message).get(field) if mapping else None
     if value is None or (hasattr(value, "__len__") and len(value) == 0):
         return None
     return joints(message, field, names)
@@ -219,7 +220,7 @@ def button(message: object) -> int:
         return first
     raise RefusedError(
         "button",
-        f"got buttons {shown(value)}; allowed: [0] released, [1] pressed, [2] tapped",
+        f"got buttons {shown(cast(object, value))}; allowed: [0] released, [1] pressed, [2] tapped",
     )
 
 
@@ -235,18 +236,20 @@ def stamp(message: Any) -> tuple[int, int] | None:
         return None
     if value is None:
         return None
-    if isinstance(value, (tuple, list)) and len(value) == 2:
-        pair: Sequence[object] = value
+    pair = cast(Sequence[object], value) if isinstance(value, (tuple, list)) else ()
+    if len(pair) == 2:
         sec, nanosec = pair
         if type(sec) is int and type(nanosec) is int and sec >= 0 and nanosec >= 0:
             return (sec, nanosec) if sec or nanosec else None
-    raise RefusedError("stamp", f"got a stamp {shown(value)}; allowed: (seconds, nanoseconds)")
+    raise RefusedError(
+        "stamp", f"got a stamp {shown(cast(object, value))}; allowed: (seconds, nanoseconds)"
+    )
 
 
 def shown(value: object) -> str:
     """Return a value as text that is never long."""
     if isinstance(value, np.ndarray):
-        return f"an array of shape {value.shape}"
+        return f"an array of shape {cast('NDArray[Any]', value).shape}"
     if isinstance(value, (str, bytes, bytearray)):
         whole = repr(value[:SHOWN])
     elif isinstance(value, (list, tuple, dict, set)):
@@ -263,21 +266,22 @@ def _finite(value: object, path: str) -> float:
     if isinstance(value, (bool, np.bool_)) or not isinstance(
         value, (int, float, np.integer, np.floating)
     ):
-        raise RefusedError("type", f"got {path} {shown(value)}; allowed: a number")
-    if not abs(value) <= LARGEST:  # NaN is not either
+        raise RefusedError("type", f"got {path} {shown(cast(object, value))}; allowed: a number")
+    number = cast(float, value)
+    if not abs(number) <= LARGEST:  # NaN is not either
         raise RefusedError(
-            "number", f"got {path} {shown(value)}; allowed: finite, magnitude up to {LARGEST:g}"
+            "number", f"got {path} {shown(number)}; allowed: finite, magnitude up to {LARGEST:g}"
         )
-    return float(value)
+    return float(number)
 
 
 def _names(given: Any) -> list[str]:
     if isinstance(given, (list, tuple)):
-        held: Sequence[object] = given
+        held = cast(Sequence[object], given)
         names = [name for name in held if isinstance(name, str)]
         if len(names) == len(held) <= LONGEST:
             return names
-    raise RefusedError("names", f"got name {shown(given)}; allowed: joint names")
+    raise RefusedError("names", f"got name {shown(cast(object, given))}; allowed: joint names")
 
 
 def _rows(turn: object, path: str) -> list[list[float]]:

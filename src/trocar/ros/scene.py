@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,7 +60,7 @@ Array = NDArray[np.float64]
 WORLD = "world"
 CONTACTS_TYPE = "trocar_msgs/Contacts"
 NOTHING = np.zeros(0)
-#: What a jaw has between its pads: type, unit and help of its topics.
+#: Topics of the object between the pads of a jaw: type, unit and help.
 GRASP = {
     "object": (STRING, "", "object between the pads, empty for none"),
     "force": (FLOAT, "N", "force on the object, the lesser of both pads"),
@@ -145,7 +145,7 @@ def _step(message: Mapping[str, Any], _: object) -> Command:
     periods = field(message, "data")
     if isinstance(periods, bool) or not isinstance(periods, int | np.integer):
         raise RefusedError("type", f"got data {shown(periods)}; allowed: an integer")
-    return Command(JOURNAL, "step", {"periods": int(periods)}, "scene/step")
+    return Command(JOURNAL, "step", {"periods": int(cast(int, periods))}, "scene/step")
 
 
 def _push(name: str, message: Mapping[str, Any], _: object) -> Command:
@@ -223,7 +223,7 @@ def _contacts(readings: SampleReadings, stamp: Stamp) -> Message | None:
     return {
         "header": build.header(stamp, WORLD),
         "contacts": [
-            contact(names[body], names[other], point, normal, force, depth)
+            contact(names[int(body)], names[int(other)], point, normal, force, depth)
             for (body, other), point, normal, force, depth in rows
         ],
     }

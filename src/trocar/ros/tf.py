@@ -77,7 +77,7 @@ def tf_static(rig: RigDescription, stamp: Stamp, cameras: Mapping[str, CameraRec
 
 
 def _carrier(rig: RigDescription, record: CameraRecord) -> str:
-    """Return the frame of tf in which a camera is fixed, "" where there is none."""
+    """Return the frame of tf in which a camera is fixed, "" without one."""
     if not record.arm:
         return WORLD
     mechanism = rig.arm(record.arm).arm.mechanism

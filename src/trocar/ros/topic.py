@@ -20,7 +20,7 @@ from trocar.simulation.records import ArmStatus
 Message = dict[str, Any]
 Direction = Literal["pub", "sub"]
 Rate = Literal["state", "event", "tf", "camera", "clock"]
-#: Makes a message from a sample; None where there is none, as of the jaw of a tool without one.
+#: Makes a message from a sample; None without data, as for the jaw of a tool that has no jaw.
 Make = Callable[[SampleReadings, Stamp], "Message | None"]
 #: Checks a message, for an arm as it is now or for none, and returns the commands that it is.
 Read = Callable[[Mapping[str, Any], Any], "Command | Sequence[Command]"]
@@ -29,7 +29,7 @@ Emit = Callable[[str, Mapping[str, Any]], None]
 #: Returns the fields of an event from the state of an arm, the header left out.
 Content = Callable[[ArmStatus], Message]
 
-#: How many commands that all count may wait at a subscriber. Source: as the loop's inbox.
+#: Queue length of a subscriber to ordered commands. Source: as the loop's inbox.
 ORDERED = 64
 #: Images are few and large: who lags gets the newest. Source: our own choice.
 IMAGES = 2

@@ -366,7 +366,7 @@ class Reading:
         return self._ral.to_sec(self._ral.now() - self._ral.get_timestamp(message)) <= age
 
 
-#: How long a move may take. Source: crtk_python_client, wait_move_handle. [s]
+#: Longest time of a move. Source: crtk_python_client, wait_move_handle. [s]
 MOVE_S = 30.0
 
 
@@ -377,7 +377,7 @@ class OperatingStateClient:
         ral: the layer of the arm's namespace
     """
 
-    #: What an arm's object gets of it, by these names.
+    #: Methods that are attached to an arm's object under the same names.
     METHODS = (
         "operating_state", "wait_for_operating_state", "state_command", "is_enabled", "enable",
         "is_disabled", "disable", "home", "unhome", "is_homed", "is_busy", "wait_for_busy",

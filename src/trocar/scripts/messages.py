@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache, total_ordering
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, cast
 
 import numpy as np
 
@@ -346,7 +346,7 @@ def _lines(message: Message, indent: str) -> list[str]:
             found += [f"{indent}{name}:", *_lines(value, f"{indent}  ")]
         elif isinstance(value, Sequence) and value and isinstance(value[0], Message):
             found.append(f"{indent}{name}:")
-            for one in value:
+            for one in cast(Sequence[Message], value):
                 found += [f"{indent}  -", *_lines(one, f"{indent}    ")]
         else:
             found.append(f"{indent}{name}: {value!r}")

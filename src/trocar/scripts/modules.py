@@ -20,7 +20,7 @@ from trocar.scripts.ros import Node
 
 #: Modules that a script imports anew, so that what waits in them waits for simulated time.
 ANEW = ("queue",)
-#: What is taken from elsewhere where it is installed.
+#: Packages of the robot: imported if installed, replaced by our own otherwise.
 ROBOT = ("crtk", "dvrk", "PyKDL")
 DVRK = ("arm", "ecm", "mtm", "psm", "suj", "system", "console", "teleop_psm")
 CONVERSIONS = (

@@ -212,7 +212,7 @@ class Node:
         """Return a parameter that the script has set, or the default.
 
         Raises:
-            KeyError: there is none, and no default
+            KeyError: the parameter is not set, and no default is given
         """
         if self.has_param(param_name) or not default:
             return self._parameters[self.key(param_name)]
@@ -318,8 +318,10 @@ class Subscriber(_End):
         **__: Any,
     ) -> None:
         self._connect(name, data_class)
-        call = callback or (lambda *_: None)
-        heard = call if callback_args is None else lambda m: call(m, callback_args)
+        call: Callable[..., None] = callback or (lambda *_: None)
+        heard: Callable[[Any], None] = call
+        if callback_args is not None:
+            heard = lambda m: call(m, callback_args)  # noqa: E731
         flow = self.node.flow
         self._subscription = Subscription(self._key, self.data_class, heard, queue_size, at_once)
         self._made = flow.steps if flow.virtual and not at_once else None

@@ -29,9 +29,9 @@ from trocar.scripts.simulation import Flow, Stepped
 from trocar.scripts.virtual_time import answering, virtual_modules
 
 FAILED = 1
-#: How often a watchdog looks [s]. Source: our own choice.
+#: Period of a watchdog [s]. Source: our own choice.
 LOOK_S = 0.1
-#: How long an interrupted script may take to tidy up [s]. Source: our own choice.
+#: Longest time for an interrupted script to clean up [s]. Source: our own choice.
 GRACE_S = 2.0
 #: Interrupts the script's thread. Source: Go's runtime preempts by SIGURG, which shells do not
 #: ignore for jobs in the background, debuggers and libc leave alone, and programs hardly use.
@@ -295,7 +295,7 @@ class Watchdog:
 
 def _line_of(script: Path, thread: threading.Thread) -> int:
     """Return the number of the script's own line where a thread is, 0 without one."""
-    frame = sys._current_frames().get(thread.ident or 0)
+    frame = sys._current_frames().get(thread.ident or 0)  # pyright: ignore[reportPrivateUsage]  documented
     while frame is not None and frame.f_code.co_filename != str(script):
         frame = frame.f_back
     return 0 if frame is None else frame.f_lineno

@@ -332,7 +332,7 @@ def complain() -> None:
     traceback.print_exc()
 
 
-#: How often a wait looks whether what it waits for has come [s]. Source: our own choice.
+#: Period at which a wait checks its condition [s]. Source: our own choice.
 LOOK_S = 0.002
 
 
@@ -439,5 +439,5 @@ class Live:
                 complain()
 
 
-#: What runs beneath a script.
+#: The simulation that runs beneath a script: stepped by its waits, or in real time.
 Flow = Stepped | Live

@@ -66,7 +66,7 @@ class Scheduler:
         self._waiting: list[Waiter] = []
         self._first: Waiter | None = None
         self._looks, self._looked_ns = 0, -1
-        #: Why the run is over, to be raised in the script's own thread.
+        #: The error that ended the run, to be raised in the script's own thread.
         self.failure: BaseException | None = None
 
     def wait(self, ready: Callable[[], bool], timeout_s: float | None) -> bool:
@@ -300,14 +300,14 @@ def thread_classes(scheduler: Scheduler) -> dict[str, Any]:
 
         def is_set(self) -> bool:
             scheduler.look()
-            return super().is_set()
+            return super().is_set()  # pyright: ignore[reportUnknownMemberType, reportUnknownVariableType]  compiled above
 
     names["Event"] = VirtualEvent
     own = ("Lock", "RLock", "Thread", *(name for name in ON_LOCKS if not name.startswith("_")))
     return {name: names[name] for name in own}
 
 
-#: How long a person takes to answer `input`, in simulated time; our own choice. [s]
+#: Simulated time that an answer to `input` takes. Source: our own choice. [s]
 ANSWER_S = 1.0
 
 

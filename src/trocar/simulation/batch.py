@@ -12,7 +12,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from mujoco.batch import Batch as Rows
+from mujoco.batch import Batch as Rows  # pyright: ignore[reportMissingTypeStubs]  it has none
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.descriptions.records import RigArm, RigDescription
@@ -116,7 +116,7 @@ class Batch:
         seed: int = 0,
     ) -> None:
         for name, value in (("n", n), ("threads", 1 if threads is None else threads)):
-            if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
+            if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:  # pyright: ignore[reportUnnecessaryIsInstance]  public input
                 raise InputError(f"Batch: got {name}={value!r}; allowed: a whole number above 0")
         world = rig if isinstance(rig, World) else World(rig)
         if scripted := [prop.name for prop in world.rig.objects if prop.script]:
@@ -242,7 +242,7 @@ class Batch:
                 nothing moves
             DivergedError: the state of a world is no longer finite
         """
-        if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 1:
+        if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 1:  # pyright: ignore[reportUnnecessaryIsInstance]  public input
             raise InputError(f"step: got n={n!r}; allowed: a whole number above 0")
         rejected: dict[str, NDArray[np.bool_]] = {}
         if setpoints is not None:

@@ -561,11 +561,11 @@ def _fits(values: ArrayLike, limits: Sequence[tuple[float, float]]) -> bool:
     return True
 
 
-#: How near measured positions must be. Source: mtsIntuitiveResearchKitPSM.cpp (3 degrees); our own
+#: Tolerances of measured positions. Source: mtsIntuitiveResearchKitPSM.cpp (3 degrees); our own
 #: choice for slides. [rad], [m]
 NEAR_RAD = float(np.deg2rad(3.0))
 NEAR_M = 0.003
-#: How long they may take after the set-points arrived. Source: our own choice. [s]
+#: Longest time to reach them after the set-points arrived. Source: our own choice. [s]
 PATIENCE_S = 2.0
 
 State = Literal["DISABLED", "ENABLED", "PAUSED", "FAULT"]

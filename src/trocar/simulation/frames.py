@@ -82,8 +82,8 @@ class Frames:
             for arm in rig.arms
             if len(table.arms[arm.name].hinges) and arm.name not in self._linkages
         ]
-        #: Where public poses are seen from, by arm and reference arm: a site, what stands before
-        #: it, and the frame's name.
+        #: Reference frames of public poses, by arm and reference arm: a site, a pose that is
+        #: multiplied from the left (or None), and the frame's name.
         self._views: dict[tuple[str, str], tuple[Site, Array | None, str]] = {}
         self._registration: Mapping[str, Array] = {}
 

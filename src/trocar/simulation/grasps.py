@@ -243,7 +243,7 @@ class Grasps(Part):
                 held = objects[one] if objects[one] >= 0 else objects[two]
                 if held >= 0:
                     contacts.setdefault((finger // 2, held), []).append(k)
-                    body, face = self._faces[finger]  # its edges do not press
+                    body, face = self._faces[int(finger)]  # its edges do not press
                     squeeze = float(pushes[first] * (touching.frame[k, :3] @ turns[body].dot(face)))
                     force[finger, held] = force.get((finger, held), 0.0) + abs(squeeze)
         for row in range(len(self._jaws)):

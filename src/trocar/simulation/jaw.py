@@ -101,8 +101,8 @@ class Jaw:
 #: A gripper counts as closed below this opening. Source: our own choice; the dVRK's default is 0
 #: on a potentiometer that is calibrated to pass it. [rad]
 CLOSED_RAD = float(np.deg2rad(1.0))
-#: How long it must be so until that is reported. Source: SAW mtsIntuitiveResearchKitMTM.h,
-#: gripper_events.debounce_threshold. [s]
+#: Time for which it must stay closed or open before that is reported.
+#: Source: SAW mtsIntuitiveResearchKitMTM.h, gripper_events.debounce_threshold. [s]
 DEBOUNCE_S = 0.2
 
 
@@ -192,7 +192,7 @@ class Gripper:
         motors.finger(EFFORT, float(motors.position[-1]), effort)
 
     def _checked(self, what: str, value: float, least: float, most: float) -> float:
-        number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
+        number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)  # pyright: ignore[reportUnnecessaryIsInstance]  public input
         if not number or not least <= value <= most:
             raise InputError(
                 f"{self._source}: gripper: got {what} {value!r}; allowed: {least:g} to {most:.6g}"

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, ParamSpec, Protocol, TypeVar, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trocar.errors import InputError
 
@@ -224,7 +225,7 @@ def apply_command(world: object, entry: Entry) -> None:
     """Repeat a command.
 
     Raises:
-        InputError: it is none that a world or an arm has
+        InputError: neither a world nor an arm has this command
         TrocarError: as the verb raises
     """
     verb_of(_commanded(cast(Any, world), entry.source), entry.source, entry.name)(**entry.values)
@@ -253,7 +254,7 @@ def verb_of(owner: object, source: str, name: str) -> Callable[..., Any]:
 
 
 def _member(owner: object, name: str) -> Any:
-    """Return an attribute, None where there is none; names that moved are not looked for."""
+    """Return an attribute, None if it is missing; do not search for names that moved."""
     known = name in getattr(owner, "__dict__", ()) or hasattr(type(owner), name)
     return getattr(owner, name) if known else None
 
@@ -274,7 +275,7 @@ def _copied(value: object) -> object:
     if isinstance(value, PLAIN):
         return value
     if isinstance(value, np.ndarray):
-        return value.copy()
+        return cast("NDArray[Any]", value).copy()
     if isinstance(value, Mapping):
         return {k: _copied(v) for k, v in cast(Mapping[Any, object], value).items()}
     if isinstance(value, list):

@@ -30,8 +30,8 @@ PLATFORM_EFFORT_MAX = 0.4  # [N m]
 #: The platform's goal is at most this far ahead. Source: SAW mtsIntuitiveResearchKitMTM.cpp,
 #: control_servo_cf_preload. [rad]
 PLATFORM_STEP = 0.05 * np.pi
-#: How fast the platform of a locked gimbal gives way. Source: our own choice (the dVRK's numerical
-#: inverse kinematics begins where this ends). [s]
+#: Time constant with which the platform of a locked gimbal yields. Source: our own choice (the
+#: dVRK's numerical inverse kinematics begins where this ends). [s]
 PLATFORM_TIME_S = 0.2
 #: Reject quaternions whose norm differs from 1 by more. Source: our own choice.
 UNIT_TOLERANCE = 1e-3

@@ -214,7 +214,8 @@ class Motors:
     def _refresh(self) -> None:
         """Refresh this arm's rows of READ after a change."""
         read, limits = self._servos.matrix()
-        rows, count = np.arange(self.index.rows.start, self.index.rows.stop), len(limits)
+        own, count = self.index.rows, len(limits)
+        rows = np.arange(int(own.start), int(own.stop))
         self._read = read[np.concatenate([rows, rows + count, rows + 2 * count])]
         self._motors.renew(limits[self.index.rows])
         self._revision = self._servos.revision

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import ruckig
 from numpy.typing import NDArray
-from ruckig import InputParameter, Result, Ruckig, RuckigError, Trajectory
 
 from trocar.errors import InputError
 
 Array = NDArray[np.float64]
+#: The library, which has no type stubs.
+_RUCKIG: Any = ruckig
 
 RATIO_MIN = 0.002
 """Least trajectory ratio of a move. Source: Ruckig plans at most 7600 s; at this ratio the longest
@@ -89,7 +92,7 @@ class Profile:
         time: float,
     ) -> None:
         count = len(goal)
-        profile_input = InputParameter(count)
+        profile_input = _RUCKIG.InputParameter(count)
         position, velocity = start
         most, rate = limits
         profile_input.current_position = position.tolist()
@@ -98,15 +101,18 @@ class Profile:
         profile_input.max_velocity = most.tolist()
         profile_input.max_acceleration = rate.tolist()
         self._inputs = (position.copy(), velocity.copy()), goal.copy(), limits, time
-        self._path = Trajectory(count)
+        self._path = _RUCKIG.Trajectory(count)
         try:
-            result = Ruckig(count).calculate(profile_input, self._path)
-        except (RuckigError, ValueError) as error:  # ValueError: a result that its enum lacks
+            result = _RUCKIG.Ruckig(count).calculate(profile_input, self._path)
+        except (
+            _RUCKIG.RuckigError,
+            ValueError,
+        ) as error:  # ValueError: a result that its enum lacks
             raise InputError(
                 f"no trajectory from {position.tolist()} to {goal.tolist()} within velocities"
                 f" {most.tolist()} and accelerations {rate.tolist()}"
             ) from error
-        if result not in (Result.Working, Result.Finished):
+        if result not in (_RUCKIG.Result.Working, _RUCKIG.Result.Finished):
             raise InputError(f"no trajectory to {goal.tolist()}: {result}")
         self.goal = goal.copy()
         self.start = time

@@ -14,6 +14,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, cast
 
 import mujoco
 import numpy as np
@@ -263,7 +264,7 @@ class Probes:
                 break
             body = self._model.geom_bodyid[hit[0]]
             if not through[body]:
-                return passed, gap, self._names[body]
+                return passed, gap, self._names[int(body)]
             passed += BEHIND_SURFACE_M
         return np.inf, gap, ""
 
@@ -383,8 +384,8 @@ class Probes:
                 body, other, shapes, sign = first, second, shapes[::-1], -1.0
             yield (
                 Contact(
-                    body=self._names[body],
-                    other=self._names[other],
+                    body=self._names[int(body)],
+                    other=self._names[int(other)],
                     shape=shapes[1],
                     other_shape=shapes[0],
                     point=contact.pos.copy(),
@@ -430,7 +431,8 @@ def carriers(model: mujoco.MjModel, geoms: NDArray[np.int32], flexes: NDArray[np
     Returns:
         (..., 2)
     """
-    return np.where(geoms >= 0, model.geom_bodyid[geoms], model.nbody + flexes).astype(np.intp)
+    found = cast(Any, np.where(geoms >= 0, model.geom_bodyid[geoms], model.nbody + flexes))
+    return found.astype(np.intp)
 
 
 #: A sample is due when its time comes to within this share of its period: rounding of the time.

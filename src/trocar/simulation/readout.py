@@ -143,7 +143,8 @@ class Reader:
         if found is None:
             self._shown = None
             each = [self._frames.view(name, sample.reference_arm) for name in self.names]
-            row = {site: row for row, site in reversed([*enumerate(self._sites.tolist())])}
+            sites: list[int] = self._sites.tolist()
+            row = {site: row for row, site in reversed([*enumerate(sites)])}
             origins = np.array([row[site] for site, _, _ in each], dtype=np.intp)
             own = origins == np.arange(len(each), 2 * len(each))
             before = np.array([T for _, T, _ in each])
@@ -160,7 +161,7 @@ class Reader:
         posed, mj = self._show(sample), self.model.mj
         mujoco.mj_comPos(mj, posed)
         for row, turns in zip(self.moving_rows, self._turns, strict=True):
-            site = self._tips[row]
+            site = self._tips[int(row)]
             at, body = posed.site_xpos[site], int(mj.site_bodyid[site])
             mujoco.mj_jac(mj, posed, turns[:3], turns[3:], at, body)
         every = self._turns @ self._shares

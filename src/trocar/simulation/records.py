@@ -367,8 +367,7 @@ def checked_pose(name: str, T: ArrayLike) -> Array:
         raise InputError(f"{name}: got the pose {T!r}; allowed: (4, 4) finite numbers") from problem
     if at.shape != (4, 4):
         raise InputError(f"{name}: got a pose of shape {at.shape}; allowed: (4, 4)")
-    if max(map(abs, at[:3, 3].tolist())) > FARTHEST_M:
-        raise InputError(
-            f"{name}: got a pose at {at[:3, 3].tolist()} m; allowed: up to {FARTHEST_M:g} m away"
-        )
+    place: list[float] = at[:3, 3].tolist()
+    if max(map(abs, place)) > FARTHEST_M:
+        raise InputError(f"{name}: got a pose at {place} m; allowed: up to {FARTHEST_M:g} m away")
     return at

@@ -289,7 +289,7 @@ class ArmRuntime:
         """Return copies of what every reading of this arm is computed from.
 
         Args:
-            joints: of `ArmSample`, where somebody has copied them, (7, n)
+            joints: of `ArmSample`, if they have been copied already, (7, n)
         """
         if joints is None:
             motors = self.motors

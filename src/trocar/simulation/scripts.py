@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable
 from contextlib import contextmanager
 from typing import Any
 
@@ -88,7 +88,7 @@ class Scripts(Part):
             raise InputError(f"{verb}: got a call by the script of {self.inside}; allowed: outside")
 
     @contextmanager
-    def _called(self, name: str) -> Iterator[None]:
+    def _called(self, name: str) -> Generator[None]:
         self.inside = name
         self._journal.inside += 1
         try:

@@ -21,9 +21,9 @@ POSITION, EFFORT, SET = 0, 1, 2
 #: an hour. Source: our own choice; a constraint per brake would cost the cart 10 % of its speed
 #: (measured). [N m s/rad or N s/m]
 HOLDING_DAMPING = 1e18
-#: What determines gains, brakes and limits in the model.
+#: Attributes that determine gains, brakes and limits in the model.
 WRITTEN = ("modes", "gains", "limit", "locked", "powered")
-#: What servos keep beside the physics state.
+#: Attributes that servos save beside the physics state.
 SAVED = (*WRITTEN, "balanced", "computed", "commanded", "holding", "before")
 #: The part of the physics state that joints are read from, in this order.
 READ_STATE = int(

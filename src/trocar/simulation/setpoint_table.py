@@ -127,7 +127,7 @@ class SetpointPlayer:
             InputError: `every` is no whole number above 0
             DivergedError: the simulation left the finite numbers
         """
-        if isinstance(every, bool) or not isinstance(every, (int, np.integer)) or every < 1:
+        if isinstance(every, bool) or not isinstance(every, (int, np.integer)) or every < 1:  # pyright: ignore[reportUnnecessaryIsInstance]  public input
             raise InputError(f"play: got every={every!r}; allowed: a whole number above 0")
         for name, arm in arms.items():
             run = arm.runtime

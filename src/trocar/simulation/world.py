@@ -349,7 +349,7 @@ class World:
         Raises:
             InputError: every is no whole number above 0
         """
-        if isinstance(every, bool) or not isinstance(every, (int, np.integer)) or every < 1:
+        if isinstance(every, bool) or not isinstance(every, (int, np.integer)) or every < 1:  # pyright: ignore[reportUnnecessaryIsInstance]  public input
             raise InputError(f"every: got {every!r}; allowed: a whole number above 0")
         row = (observer, int(every))
 
@@ -391,7 +391,7 @@ class World:
             DivergedError: the state is no longer finite; time, joint and last target are named
         """
         if type(n) is not int or n < 1:
-            if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 1:
+            if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 1:  # pyright: ignore[reportUnnecessaryIsInstance]  public input
                 raise InputError(f"step: got {n!r}; allowed: a whole number above 0")
             n = int(n)
         if self._scripts.inside:
@@ -542,7 +542,7 @@ class World:
         Raises:
             InputError: no state, or one of another rig, other tools or other options
         """
-        if not isinstance(state, State):
+        if not isinstance(state, State):  # pyright: ignore[reportUnnecessaryIsInstance]  public input
             raise InputError(f"load: got {state!r}; allowed: a State, as `save` returns it")
         if state.signature != self.signature:
             raise InputError(
@@ -1148,12 +1148,12 @@ def _checked_state(name: str, values: Array, ends: tuple[Array, Array], what: st
 
 
 def _checked_seed(seed: int) -> int:
-    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
+    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:  # pyright: ignore[reportUnnecessaryIsInstance]  public input
         raise InputError(f"seed: got {seed!r}; allowed: a whole number from 0 on")
     return int(seed)
 
 
-def _checked_period(timestep_s: float) -> float:
+def _checked_period(timestep_s: object) -> float:
     if not isinstance(timestep_s, (int, float)) or not 0.0 < timestep_s <= 0.01:
         raise InputError(f"timestep_s: got {timestep_s!r}; allowed: above 0 to 0.01 s")
     return float(timestep_s)

@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -124,11 +124,12 @@ def _on_cluster(
 ) -> Iterator[Episode]:
     """Yield the episodes of seeds, run by a Ray cluster."""
     try:
-        import ray  # pyright: ignore[reportMissingImports]
+        import ray as installed  # pyright: ignore[reportMissingImports]
     except ImportError:
         raise InputError(
             "--cluster: needs Ray, which is not installed: pip install 'trocar[cluster]'"
         ) from None
+    ray = cast(Any, installed)
     here: dict[str, Any] = {"num_cpus": workers, "include_dashboard": False}
     if address != "local":
         here = {"address": address}

@@ -24,7 +24,7 @@ ROUNDING_S = 1e-9
 
 
 class Ending(StrEnum):
-    """How an episode ended: by its rules with success or failure, or truncated by the time limit.
+    """Outcome of an episode: success or failure by its rules, or truncation by the time limit.
 
     `SUCCESS` and `FAILURE` are `terminated` in Gymnasium's terms, `TRUNCATION` is `truncated`.
     """
@@ -36,7 +36,7 @@ class Ending(StrEnum):
 
 
 class Referee:
-    """Counts what happens in a scene, whoever drives its arms.
+    """Counts the events of a scene, independently of the source of the arms' commands.
 
     Args:
         scene: with goals and limits

@@ -10,10 +10,11 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.signal import butter, sosfiltfilt
+from scipy.signal import butter, sosfiltfilt  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 
 from trocar.descriptions import ArmDescription, RigDescription, load_rig
 from trocar.descriptions.mounting import rig_with_tool
@@ -178,7 +179,7 @@ def low_pass(time: ArrayLike, positions: ArrayLike, cutoff_hz: float = CUTOFF_HZ
     rate = (len(t) - 1) / (t[-1] - t[0])
     if rate <= 2.0 * cutoff_hz:
         return p  # nothing is above
-    sections = butter(ORDER, cutoff_hz, fs=rate, output="sos")
+    sections = cast(Array, butter(ORDER, cutoff_hz, fs=rate, output="sos"))
     most = min(len(p) - 1, round(3.0 * rate / cutoff_hz))
     return np.asarray(sosfiltfilt(sections, p, axis=0, padlen=most), np.float64)
 

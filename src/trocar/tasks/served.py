@@ -39,8 +39,8 @@ ROW = Topic(
 class ServedTask:
     """Runs an episode in a loop: counts, and drives by the scripted policy if it is to.
 
-    The policy's motion is that of an episode without a loop, to the last bit. When somebody resets
-    the world the episode begins anew.
+    The policy's motion is that of an episode without a loop, to the last bit. When the world
+    is reset, the episode begins anew.
 
     Args:
         task: whose world the loop steps; reset here

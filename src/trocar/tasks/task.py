@@ -156,7 +156,7 @@ class Task:
         return self.reward()
 
     def look(self) -> None:
-        """Read, measure and judge; call it every period, whoever drives."""
+        """Read, measure and judge; call it every period, also when others command the arms."""
         referee = self.referee
         if self.world.time < referee.time:  # somebody else reset it
             self.begin()
@@ -248,7 +248,7 @@ class Task:
 
     @property
     def reason(self) -> str:
-        """Why it is over: "done", "time", or what went wrong; "" before."""
+        """Reason of the end: "done", "time" or the fault; "" while the episode runs."""
         return self.referee.reason
 
     @property

@@ -27,7 +27,7 @@ _log = logging.getLogger("trocar")
 SPEED, TURN = 0.01, radians(30.0)
 #: Of the gripper. Source: our own choice: shut from wide open in a second. [rad/s]
 GRIP = radians(60.0)
-#: How much slower and faster. Source: our own choice.
+#: Speed factors of the slow and the fast key. Source: our own choice.
 FINE, FAST = 0.2, 3.0
 #: Of a stick or a cap that is pushed as far as it goes, which has no key to be faster. Source: our
 #: own choice, half way from usual to fast.

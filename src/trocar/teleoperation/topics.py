@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 #: Published as a button. Source: SAW system_ROS.cpp declares these as Joy.
 JOYS = ("rotation_locked", "translation_locked")
-#: What stands before the console's own topics.
+#: Namespace of the console's own topics.
 CONSOLE = "console/teleop"
 
 KEYS, PAD = "teleop/keys", "teleop/gamepad"

@@ -28,13 +28,13 @@ OPTIONS = """
 --foxglove-record FILE        serve Foxglove and write all topics to a new MCAP file
 """
 
-#: Where Foxglove looks by itself. Source: its SDK's default.
+#: Default port of Foxglove. Source: its SDK's default.
 PORT = 8765
 #: The SDK lets every page of the web connect, so only this machine may. Source: tried.
 HOST = "127.0.0.1"
 #: Messages that wait for one client; the SDK drops the oldest beyond. Source: the SDK's default.
 BACKLOG = 1024
-#: How long ending may take [s]: the SDK waits for clients that do not read. Source: our own choice.
+#: Longest time to shut down [s]: the SDK waits for clients that do not read. Source: our choice.
 FAREWELL_S = 1.0
 #: Written on request only: it takes seconds to make.
 DESCRIPTION = "robot_description"
@@ -96,7 +96,7 @@ def load() -> ModuleType:
     """
     try:
         import foxglove
-        import foxglove.websocket
+        import foxglove.websocket  # pyright: ignore[reportUnusedImport]  an attribute of foxglove
     except ImportError:
         raise MissingExtraError("foxglove-sdk", "foxglove", "Foxglove") from None
     return foxglove

@@ -38,13 +38,13 @@ if TYPE_CHECKING:
 _log = logging.getLogger("trocar")
 
 NODE = "trocar"
-#: How often subscribers are counted: Humble has no event of them. Source: our own choice. [s]
+#: Period of counting subscribers: Humble has no event of them. Source: our own choice. [s]
 LOOK_S = 0.02
-#: How often the model is compared with the rig's, whose tools may be exchanged. [s]
+#: Period of comparing the model with the rig's, whose tools may be exchanged. [s]
 MODEL_S = 1.0
-#: Before going on after rclpy has failed, and how long its callbacks may take to end. [s]
+#: Pause after a failure of rclpy, and the longest time for its callbacks to end. [s]
 PAUSE_S, CLOSING_S = 0.1, 5.0
-#: How long a service may take. Source: our own choice. [s]
+#: Longest time of a service call. Source: our own choice. [s]
 SERVICE_S = 5.0
 #: Depth of the queues of ordered commands; the core rejects and reports sooner.
 COMMANDS = 1024
@@ -119,9 +119,9 @@ REACH = (
 def kept_local(environment: MutableMapping[str, str]) -> Generator[None]:
     """Let rclpy, which reads the environment in the block, stay on this machine by default.
 
-    Left alone, a node of ROS 2 speaks with the whole network, and whoever it meets can move the
-    arms. Source: ROS 2, "Improved Dynamic Discovery"; a node that keeps to its machine meets those
-    on the machine that do not.
+    By default, a node of ROS 2 discovers all nodes of the network, and each of them can command
+    the arms. Source: ROS 2, "Improved Dynamic Discovery"; a node restricted to its machine also
+    discovers unrestricted nodes on that machine.
     """
     before = environment.get(RANGE)
     if any(environment.get(name) for name in REACH):
@@ -152,7 +152,7 @@ def reach(environment: Mapping[str, str]) -> str:
 
 # ---------------------------------------------------------------------- classes of the workspace
 
-#: Where packages are that no distribution of ROS 2 has.
+#: Sources of the packages that no distribution of ROS 2 has.
 SOURCES = {
     "crtk_msgs": "github.com/collaborative-robotics/crtk_msgs",
     "cisst_msgs": "github.com/jhu-cisst/cisst-ros",
@@ -173,7 +173,7 @@ def message_class(kind: MessageType) -> Any:
     """Return the class of a message.
 
     Raises:
-        MissingTypeError: there is none, or with other fields
+        MissingTypeError: the class is missing, or has other fields
     """
     found = _class(kind.ros2_name)
     _check(kind, found)
@@ -184,7 +184,7 @@ def service_class(kind: ServiceType) -> Any:
     """Return the class of a service, with `Request` and `Response`.
 
     Raises:
-        MissingTypeError: there is none, or with other fields
+        MissingTypeError: the class is missing, or has other fields
     """
     found = _class(kind.ros2_name)
     for half, name in ((kind.request, "Request"), (kind.response, "Response")):

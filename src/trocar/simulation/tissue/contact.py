@@ -12,12 +12,12 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
+from scipy.optimize import nnls  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 
 from trocar.descriptions.records import RigDescription
 from trocar.descriptions.tissues import Tissue
@@ -173,8 +173,7 @@ def press(compliance: Array, gaps: Array) -> Array:
             return forces
         touch = after
     factor = np.linalg.cholesky(matrix)
-    found: Array = nnls(factor.T, -np.linalg.solve(factor, gaps))[0]
-    return found
+    return cast(Array, nnls(factor.T, -np.linalg.solve(factor, gaps))[0])
 
 
 def underside(at: Array, box: Array, turn: Array, half: Array) -> Array:

@@ -7,7 +7,7 @@ the tissue's surface as it is now.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import mujoco
 import numpy as np
@@ -89,12 +89,13 @@ class Solids(NamedTuple):
         faces = np.abs(local) - half
         inward = faces.max(axis=1)  # to the nearest face, below 0 inside
         facing = faces == inward[:, None]
-        out: Array = np.where(
+        out = np.where(
             (inward < 0.0)[:, None],
-            facing * np.where(local < 0.0, -1.0, 1.0),
-            beyond / np.maximum(away, 1e-12)[:, None],
+            cast(Array, facing * np.where(local < 0.0, -1.0, 1.0)),
+            cast(Array, beyond / np.maximum(away, 1e-12)[:, None]),
         )
-        deep: Array = self.round[solids] + radius - np.where(inward < 0.0, inward, away)
+        to_face = cast(Array, np.where(inward < 0.0, inward, away))
+        deep = self.round[solids] + radius - to_face
         order = deep.argsort(kind="stable")  # of several solids the deepest one counts
         depth, ways = np.full(len(points), -np.inf), np.zeros((len(points), 3))
         depth[rows[order]] = deep[order]
@@ -121,7 +122,7 @@ class TissueDrawings:
         shares = shares.reshape(-1, 4)
         self._round = sizes[:, 0] * shares[:, 3]
         #: Capsules have their half length second.
-        long: Array = np.where(shares[:, 3] > 0.0, sizes[:, 1], sizes[:, 2])
+        long = cast(Array, np.where(shares[:, 3] > 0.0, sizes[:, 1], sizes[:, 2]))
         self._half: Array = np.column_stack([sizes[:, :2], long]) * shares[:, :3]
         #: Nodes of the upper surface.
         self._top = np.flatnonzero(np.isclose(tissue.pad.nodes[:, 2], 0.0))

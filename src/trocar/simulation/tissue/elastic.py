@@ -14,12 +14,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import csc_matrix
-from scipy.sparse.linalg import splu
+from scipy.sparse import csc_matrix  # pyright: ignore[reportMissingTypeStubs]
+from scipy.sparse.linalg import splu  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 
 from trocar.descriptions.tissues import Tissue
 
@@ -80,7 +80,7 @@ class ElasticPad:
         number = np.arange(len(grid)).reshape(counts)
         base = number[:-1, :-1, :-1].ravel()
         steps = (CORNERS + 1.0).astype(int) // 2 @ [counts[1] * counts[2], counts[2], 1]
-        half = base[:, None] + steps
+        half = cast(Index, base[:, None] + steps)
         other = np.argsort(CORNERS @ [1, -2, 4])  # the mirrored cell's corners in order
         self.nodes = np.concatenate([grid, grid * [1.0, -1.0, 1.0]])
         self.cells: Index = np.concatenate([half, half[:, other] + len(grid)])

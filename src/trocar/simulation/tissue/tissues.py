@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import mujoco
 import numpy as np
@@ -214,7 +214,7 @@ class SoftTissue(Part):
         self._struts = ids(model.tendon, [f"strut_{place}" for place in CHANNEL[:-1]])
         self._walls = ids(model.tendon, ["wall", "edge"])
         #: Of each tendon whether it is a length of the thread.
-        self._threads = np.isin(np.arange(model.ntendon), self._strings)
+        self._threads = np.isin(np.arange(int(model.ntendon)), self._strings)
         self._locks = ids(model.tendon, ["lock"])[:, 0]
         beads = [model.joint(naming.scoped(name, f"bead{k}")) for k in range(len(CHANNEL))]
         self._beads = np.array([(int(b.qposadr[0]), int(b.dofadr[0])) for b in beads])
@@ -295,7 +295,7 @@ class SoftTissue(Part):
         Raises:
             InputError: no stitch, or one that the needle has not left; nothing changes
         """
-        known = isinstance(stitch, int | np.integer) and 0 <= stitch < len(self.plan)
+        known = isinstance(stitch, int | np.integer) and 0 <= stitch < len(self.plan)  # pyright: ignore[reportUnnecessaryIsInstance]  public input
         if not known or not self.left[stitch].all():
             raise InputError(
                 f"{self.name}: lock: got stitch {stitch!r}; allowed: one that the needle has left"
@@ -440,7 +440,7 @@ class SoftTissue(Part):
     def tension(self) -> float:
         """Return the tension of the thread, as of the last step [N]."""
         data = self._data
-        rows: NDArray[np.intp] = np.arange(data.ne + data.nf, data.nefc)
+        rows = np.arange(int(data.ne + data.nf), int(data.nefc))
         rows = rows[data.efc_type[rows] == LIMIT]
         return float(data.efc_force[rows[self._threads[data.efc_id[rows]]]].sum())
 
@@ -593,7 +593,8 @@ class SoftTissue(Part):
         for points, side in zip(self.plan, self._sides, strict=True):
             across = points[:, 1]
             curve = np.polynomial.Polynomial.fit(across, points[:, 2], 2)
-            along: Array = np.interp([-half, half], *np.sort(points[:, :2], axis=0).T[::-1])
+            sideways, lengthways = np.sort(points[:, :2], axis=0).T[::-1]
+            along = cast(Array, np.interp([-half, half], sideways, lengthways))
             near, far = (along[1], along[0]) if side > 0.0 else (along[0], along[1])
             deep = [float(curve(side * half)), float(curve(-side * half))]
             walls: list[list[float]] = [[near, side * half, deep[0]], [near, side * half, 0.0]]

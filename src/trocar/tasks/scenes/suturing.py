@@ -89,7 +89,7 @@ class Suturing(Task):
         place, turn, stiffer = self.spread
         start = next(p.pose for p in self.scene.rig.props if p.name == self.tissue.name)
         at = start[:3, 3] + [*rng.uniform(-place, place, 2), 0.0]
-        pose = transform(rotation_z(rng.uniform(-turn, turn)) @ start[:3, :3], at)
+        pose = transform(rotation_z(cast(float, rng.uniform(-turn, turn))) @ start[:3, :3], at)
         self.tissue.set_cp(pose, float(stiffer ** rng.uniform(-1.0, 1.0)))
         self.referee.goals = self._stitch_goals()
         self._plan: Plan | None = None

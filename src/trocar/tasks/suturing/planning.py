@@ -213,7 +213,7 @@ class Plan:
         above.set(ylabel="across [mm]")
         across.set(title="across: needle's circle, channel points", xlabel="across [mm]")
         across.set(ylabel="above the surface [mm]")
-        figure.legend(fontsize=7, loc="outside lower center")
+        figure.legend(fontsize=7, loc="outside lower center")  # pyright: ignore[reportUnknownMemberType]
         for axes in (above, across):
             axes.set_aspect("equal", adjustable="datalim")
         return png(figure)
@@ -575,7 +575,8 @@ def _options(
         draft = _draft(tissue, where, side, (driver, taker))
         pick = needle_pose if before is None else None
         inwards = np.arange(draft.start, draft.out + STEP, STEP), HOLD_SWAGE, pick
-        outwards = np.arange(draft.out - STEP, draft.end + STEP, STEP), needle.arc - HOLD_TIP, None
+        hold = float(needle.arc - HOLD_TIP)
+        outwards = np.arange(float(draft.out - STEP), float(draft.end + STEP), STEP), hold, None
         kept = (None, None) if before is None else before.grips
         one = _best_grip(reaches[driver], draft, needle, inwards, kept[0])
         two = None if one is None else _best_grip(reaches[taker], draft, needle, outwards, kept[1])
@@ -640,7 +641,7 @@ def _why_not(
     where: tuple[Array, float],
     best: Stitch | None,
 ) -> str:
-    """Say why no arm reaches a stitch: which joint is in the way, and by how much."""
+    """Return the reason that no arm reaches a stitch: the joint at its limit, and by how much."""
     needle, (wound, place) = tissue.wire, where
     yaw = np.degrees(np.arctan2(wound[1, 0], wound[0, 0]))
     at = np.round(1e3 * (wound @ [place, 0.0, 0.0, 1.0])[:3], 1).tolist()

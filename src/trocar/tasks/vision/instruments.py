@@ -100,7 +100,7 @@ def find_tip(
     scale = eyes.focal / float(at[2])
     around, slack = int(AROUND_M * scale), int(OFF_M * scale)
     for name, given in (("predicted", predicted), ("masks", masks)):
-        if not isinstance(given, Sequence | np.ndarray) or len(given) != 2:
+        if not isinstance(given, Sequence | np.ndarray) or len(given) != 2:  # pyright: ignore[reportUnnecessaryIsInstance]  public input
             raise InputError(f"{name}: allowed: one image of each eye")
     predicted = [checked_image(one, eyes.size, "predicted image") for one in predicted]
     masks = [np.asarray(mask, np.bool_) for mask in masks]

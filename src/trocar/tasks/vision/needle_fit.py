@@ -371,7 +371,7 @@ class NeedleFit:
     def refine(
         self,
         images: Sequence[Picture],
-        T: Array,
+        pose: Array,
         lengths: Sequence[float] = (16.0, 12.0, 8.0, 6.0, 5.0, 4.0),
         colours: Colours | None = None,
         rods: Sequence[Rod] = (),
@@ -380,33 +380,33 @@ class NeedleFit:
         covers = self.covers(rods)
         for k, length in enumerate(lengths):
             if colours is None:
-                colours = self.metallic(images, T)
+                colours = self.metallic(images, pose)
             elif k:
-                fresh = self.colours(images, T)
+                fresh = self.colours(images, pose)
                 if fresh.separation > 0.7 * colours.separation:
                     colours = fresh
-            views = self.views(images, T, colours, length + 16.0)
-            rows = self.rows(views, T, length, covers)
+            views = self.views(images, pose, colours, length + 16.0)
+            rows = self.rows(views, pose, length, covers)
             pull = np.minimum(1.0, max(1.0, length / 6.0) / np.maximum(np.abs(rows.offset), 1e-6))
             weight = rows.weight * pull
-            A = (rows.jacobian * weight[:, None]).T @ rows.jacobian + np.diag(
+            matrix = (rows.jacobian * weight[:, None]).T @ rows.jacobian + np.diag(
                 [1.0] * 3 + [1e-4] * 3
             )
             b = (rows.jacobian * weight[:, None]).T @ rows.offset
             if k:
-                ends = self.ends(views, T, covers)
-                row = np.concatenate([np.zeros(3), T[:3, 2]])
+                ends = self.ends(views, pose, covers)
+                row = np.concatenate([np.zeros(3), pose[:3, 2]])
                 pull = np.minimum(1.0, 2.0 * END_RAD / np.maximum(np.abs(ends.angle), 1e-9))
                 strength = ends.weight * pull * (SIGMA_PX / END_RAD) ** 2 / WORTH
-                A += strength.sum() * np.outer(row, row)
+                matrix += strength.sum() * np.outer(row, row)
                 b += (strength @ ends.angle) * row
-            x = np.asarray(np.linalg.solve(A, b), np.float64)
+            x = np.asarray(np.linalg.solve(matrix, b), np.float64)
             x[:3] = np.clip(x[:3], -0.004, 0.004)
             x[3:] *= min(1.0, 0.35 / max(float(np.linalg.norm(x[3:])), 1e-9))
-            T = moved(T, x)
+            pose = moved(pose, x)
         assert colours is not None  # noqa: S101  there is at least one length
-        views = self.views(images, T, colours, lengths[-1] + 16.0)
-        return T, self.quality(self.rows(views, T, lengths[-1], covers)), colours
+        views = self.views(images, pose, colours, lengths[-1] + 16.0)
+        return pose, self.quality(self.rows(views, pose, lengths[-1], covers)), colours
 
     # ------------------------------------------------------------------ inside
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -199,7 +200,7 @@ class NeedleSearch:
         allowed = (gap > 0.0022) & (gap < chord + 0.001)
         some = allowed.sum(axis=1) >= 2
         first, allowed = first[some], allowed[some]
-        dice = rng.random(allowed.shape) * allowed
+        dice = cast(Array, rng.random(allowed.shape) * allowed)
         pair = np.argpartition(-dice, 2, axis=1)[:, :2]
         A, B, C = X[first], pool[pair[:, 0]], pool[pair[:, 1]]
         ab, ac = B - A, C - A
@@ -216,18 +217,16 @@ class NeedleSearch:
             & (sides.max(axis=0) > 0.7 * R)
             & (np.abs(radius - R) < RADIUS_M)
         )
-        A, normal, to_centre, radius = A[good], normal[good], to_centre[good], radius[good]
-        B, C = B[good], C[good]
-        A, normal, to_centre, radius, B, C = (
-            v[:CIRCLES] for v in (A, normal, to_centre, radius, B, C)
+        a, b, c, normal, to_centre, radius = (
+            v[good][:CIRCLES] for v in (A, B, C, normal, to_centre, radius)
         )
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-        centre = A + to_centre
+        centre = a + to_centre
         # The needle's own radius about the middle of the three points.
-        out = centre - (A + B + C) / 3.0
+        out = centre - (a + b + c) / 3.0
         out /= np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-9)
         centre = centre + out * (R - radius)[:, None]
-        start = A - centre
+        start = a - centre
         start -= normal * (start * normal).sum(axis=1, keepdims=True)
         start /= np.maximum(np.linalg.norm(start, axis=1, keepdims=True), 1e-9)
         return centre, normal, start

@@ -133,9 +133,11 @@ class Holder:
         object.__setattr__(self, "T_left_holder", T)
         if self.reach is not None:
             check_numbers(self.reach, (), f"reach of {name} [m]", 0.0)
-        for k, rod in enumerate(check_type(self.rods, tuple, f"rods of {name}")):
+        check_type(self.rods, tuple, f"rods of {name}")
+        for k, rod in enumerate(self.rods):
             what = f"rods[{k}] of {name}"
-            if len(check_type(rod, tuple, what)) != 3:
+            check_type(rod, tuple, what)
+            if len(rod) != 3:
                 raise InputError(f"{what}: got {len(rod)} entries; allowed: start, end, radius")
             for end, side in zip(rod, ("start", "end"), strict=False):
                 check_numbers(end, (3,), f"{what}: {side} [m]")
@@ -171,8 +173,8 @@ class NeedleTracker:
         self._forget()
 
     def _forget(self) -> None:
-        self._T: Array | None = None
-        self._P: Array = np.zeros((11, 11))
+        self._pose: Array | None = None
+        self._covariance: Array = np.zeros((11, 11))
         self._bias = np.zeros(5)
         self._colours: Colours | None = None
         self._seen = -np.inf
@@ -196,8 +198,8 @@ class NeedleTracker:
                 f"covariance: got {given[1].tolist()}; allowed: symmetric with positive eigenvalues"
             )
         self._forget()
-        self._T, self._P[:6, :6] = T.copy(), given[1]
-        self._P[6:, 6:] = np.diag([BIAS_PX**2] * 4 + [BIAS_RAD**2])
+        self._pose, self._covariance[:6, :6] = T.copy(), given[1]
+        self._covariance[6:, 6:] = np.diag([BIAS_PX**2] * 4 + [BIAS_RAD**2])
         self._seen = float(given[0])
 
     def update(
@@ -224,22 +226,22 @@ class NeedleTracker:
         self._predict(time - before if np.isfinite(before) else 0.0, holder)
         rods = _placed(holder)
         quality: FitQuality | None = None
-        if self._T is not None and time - self._seen > LOST_S:
-            self._T = None
-        if self._T is None:
+        if self._pose is not None and time - self._seen > LOST_S:
+            self._pose = None
+        if self._pose is None:
             quality = self._search(images, holder, rods)
         else:
             quality = self._update(images, rods)
         if quality is not None:
             self._seen = time
         self._holder = holder
-        if self._T is None:
+        if self._pose is None:
             status: Status = "searching"
             covariance = np.full((6, 6), np.inf, np.float64)
         else:
             status = "predicting" if quality is None else "tracking"
-            covariance = self._P[:6, :6].copy()
-        T = None if self._T is None else self._T.copy()
+            covariance = self._covariance[:6, :6].copy()
+        T = None if self._pose is None else self._pose.copy()
         self.estimate = NeedleEstimate(time, status, T, covariance, quality)
         return self.estimate
 
@@ -248,13 +250,13 @@ class NeedleTracker:
     def _predict(self, passed: float, holder: Holder) -> None:
         """Carry the needle on, with its carrier."""
         before = self._holder
-        if self._T is None or before is None:
+        if self._pose is None or before is None:
             return
         same = before.name == holder.name
         D = holder.T_left_holder @ inverse(before.T_left_holder) if same else np.eye(4)
-        old = self._T[:3, 3].copy()
-        self._T = D @ self._T
-        way = float(np.linalg.norm(self._T[:3, 3] - old))
+        old = self._pose[:3, 3].copy()
+        self._pose = D @ self._pose
+        way = float(np.linalg.norm(self._pose[:3, 3] - old))
         turn = float(np.linalg.norm(rotation_vector_from_matrix(D[:3, :3])))
         keep = float(np.exp(-passed / LASTS_S))
         B = np.diag([0.0] * 6 + [keep] * 5)
@@ -263,7 +265,7 @@ class NeedleTracker:
         shift = WALK_M**2 * passed + (MOTION * way) ** 2 + (0.0 if same else TAKEN_M**2)
         spin = WALK_RAD**2 * passed + (MOTION * turn) ** 2 + (0.0 if same else TAKEN_RAD**2)
         fresh = (1.0 - keep**2) * np.array([BIAS_PX**2] * 4 + [BIAS_RAD**2])
-        self._P = B @ self._P @ B.T + np.diag([shift] * 3 + [spin] * 3 + [*fresh])
+        self._covariance = B @ self._covariance @ B.T + np.diag([shift] * 3 + [spin] * 3 + [*fresh])
 
     def _update(
         self, images: Sequence[Picture], rods: Sequence[Rod], *, again: bool = True
@@ -273,24 +275,24 @@ class NeedleTracker:
         Images that show it clearly, elsewhere than predicted, are taken in once more without trust
         in the prediction: something else moved it.
         """
-        fit, T0, bias0 = self._fit, self._T, self._bias
+        fit, T0, bias0 = self._fit, self._pose, self._bias
         assert T0 is not None  # noqa: S101
         if self._colours is None:
             self._colours = fit.metallic(images, T0)
-        information = np.linalg.inv(self._P)
+        information = np.linalg.inv(self._covariance)
         arm = 1.2 * fit.needle.radius
-        spread = np.sqrt(np.trace(self._P[:3, :3]) / 3.0)
-        spread += arm * np.sqrt(np.trace(self._P[3:6, 3:6]) / 3.0)
+        spread = np.sqrt(np.trace(self._covariance[:3, :3]) / 3.0)
+        spread += arm * np.sqrt(np.trace(self._covariance[3:6, 3:6]) / 3.0)
         reach = 3.0 * spread * fit.eyes.focal / max(float(T0[2, 3]), 0.01) + 3.0
         longest = float(np.clip(np.ceil(reach), SHORTEST, LONGEST))
         views = fit.views(images, T0, self._colours, 2.0 * longest + 12.0)
         covers = fit.covers(rods)
-        T, bias = T0, bias0
+        pose, bias = T0, bias0
         count = len(fit.angles)
         hessian, quality = information, FitQuality(0.0, 0.0, np.inf)
         for k in range(ITERATIONS if longest > NEAR_PX else ITERATIONS - 1):
             length = longest if k == 0 else max(float(SHORTEST), np.ceil(0.5 * longest))
-            rows = fit.rows(views, T, length, covers)
+            rows = fit.rows(views, pose, length, covers)
             by_bias = np.zeros((2 * count, 5))
             by_bias[:count, 0:2], by_bias[count:, 2:4] = rows.normal[:count], rows.normal[count:]
             rest = rows.offset - by_bias @ bias
@@ -299,32 +301,34 @@ class NeedleTracker:
             weight = rows.weight * fit.thick * pull
             H = np.concatenate([rows.jacobian, by_bias], axis=1)
             scaled = (H * weight[:, None]).T * (WORTH / SIGMA_PX**2)
-            A, b = scaled @ H, scaled @ rest
+            matrix, b = scaled @ H, scaled @ rest
             if k:
-                ends = fit.ends(views, T, covers)
-                row = np.concatenate([np.zeros(3), T[:3, 2], np.zeros(4), [1.0]])
+                ends = fit.ends(views, pose, covers)
+                row = np.concatenate([np.zeros(3), pose[:3, 2], np.zeros(4), [1.0]])
                 rest = ends.angle - bias[4]
                 pull = np.minimum(1.0, 2.0 * END_RAD / np.maximum(np.abs(rest), 1e-9))
                 strength = (ends.weight > 0.3) * pull / END_RAD**2
-                A, b = A + strength.sum() * np.outer(row, row), b + (strength @ rest) * row
-            hessian = A + information
-            back = np.concatenate([change(T, T0), bias0 - bias])
+                matrix = matrix + strength.sum() * np.outer(row, row)
+                b = b + (strength @ rest) * row
+            hessian = matrix + information
+            back = np.concatenate([change(pose, T0), bias0 - bias])
             x = np.asarray(np.linalg.solve(hessian, b + information @ back), np.float64)
-            T, bias = moved(T, x), bias + x[6:]
+            pose, bias = moved(pose, x), bias + x[6:]
             # What the step leaves of the offsets, without another look at the images.
             quality = fit.quality(rows._replace(offset=rows.offset - rows.jacobian @ x[:6]))
-        moves = np.concatenate([change(T0, T), bias - bias0])
+        moves = np.concatenate([change(T0, pose), bias - bias0])
         if quality.share < SHARE or quality.worst < WORST or quality.rms > RMS_PX:
             return None
         if moves @ information @ moves > GATE:
             if not again or quality.worst < CLEAR:
                 return None
-            self._P[:6, :6] += np.diag([TAKEN_M**2] * 3 + [TAKEN_RAD**2] * 3)
+            self._covariance[:6, :6] += np.diag([TAKEN_M**2] * 3 + [TAKEN_RAD**2] * 3)
             return self._update(images, rods, again=False)
-        self._T, self._bias, self._P = T, bias, np.asarray(np.linalg.inv(hessian), np.float64)
+        self._pose, self._bias = pose, bias
+        self._covariance = np.asarray(np.linalg.inv(hessian), np.float64)
         self._updates += 1
         if quality.share > 0.4 and self._updates % COLOURS_EVERY == 1:
-            colours = fit.colours(images, T)
+            colours = fit.colours(images, pose)
             if colours.separation > 0.6 * self._colours.separation:
                 self._colours = colours
         return quality
@@ -342,37 +346,39 @@ class NeedleTracker:
         else:
             poses = search.held(holder.T_left_holder, holder.reach)
         found: list[tuple[float, Array, FitQuality, Colours]] = []
-        for T in poses:
-            T, quality, colours = fit.refine(images, T, rods=rods)
-            found.append((_score(quality), T, quality, colours))
+        for pose in poses:
+            pose, quality, colours = fit.refine(images, pose, rods=rods)
+            found.append((_score(quality), pose, quality, colours))
             if quality.worst > SURE and quality.rms < FOUND_PX:
                 break
         if not found:
             return None
         found.sort(key=lambda one: one[0], reverse=True)
-        for _, T, _, colours in found[:2]:
-            T, quality, colours = fit.refine(
-                images, mirrored(T), (8.0, 6.0, 5.0, 4.0), colours, rods
+        for _, pose, _, colours in found[:2]:
+            pose, quality, colours = fit.refine(
+                images, mirrored(pose), (8.0, 6.0, 5.0, 4.0), colours, rods
             )
-            found.append((_score(quality), T, quality, colours))
-        _, T, quality, colours = max(found, key=lambda one: one[0])
+            found.append((_score(quality), pose, quality, colours))
+        _, pose, quality, colours = max(found, key=lambda one: one[0])
         if min(quality.share, 2.0 * quality.worst) < BELIEVED:
             return None
         # Both ways round: the thicker end is the swage.
         ways: list[tuple[float, Array, FitQuality, Colours]] = []
-        for start in (T, flipped(fit.needle, T)):
+        for start in (pose, flipped(fit.needle, pose)):
             views = fit.views(images, start, colours, 24.0)
             limit = np.pi if holder.reach is None else np.pi / 4.0
             turned = fit.roll(views, start, limit)
-            T, quality, own = fit.refine(images, turned, (5.0, 4.0, 4.0), colours, rods)
-            views = fit.views(images, T, own, 24.0)
-            ways.append((quality.share + fit.blunter(views, T), T, quality, own))
-        _, T, quality, colours = max(ways, key=lambda one: one[0])
+            pose, quality, own = fit.refine(images, turned, (5.0, 4.0, 4.0), colours, rods)
+            views = fit.views(images, pose, own, 24.0)
+            ways.append((quality.share + fit.blunter(views, pose), pose, quality, own))
+        _, pose, quality, colours = max(ways, key=lambda one: one[0])
         if quality.share < BELIEVED or quality.rms > FOUND_PX:
             return None
         self._forget()
-        self._T, self._colours = T, colours
-        self._P = np.diag([FOUND_M**2] * 3 + [FOUND_RAD**2] * 3 + [BIAS_PX**2] * 4 + [BIAS_RAD**2])
+        self._pose, self._colours = pose, colours
+        self._covariance = np.diag(
+            [FOUND_M**2] * 3 + [FOUND_RAD**2] * 3 + [BIAS_PX**2] * 4 + [BIAS_RAD**2]
+        )
         return quality
 
 

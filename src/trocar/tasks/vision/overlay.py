@@ -168,8 +168,8 @@ def overlaid(image: ArrayLike, view: View, items: Iterable[Item]) -> Picture:
         InputError: an image of another size or type than the eye's, or something that is no item
     """
     picture = checked_image(image, check_type(view, View, "view").lens.size, "image").copy()
-    for item in items if isinstance(items, Iterable) else [items]:
-        if not isinstance(item, Item):
+    for item in items if isinstance(items, Iterable) else [items]:  # pyright: ignore[reportUnnecessaryIsInstance]  public input
+        if not isinstance(item, Item):  # pyright: ignore[reportUnnecessaryIsInstance]  public input
             raise InputError(f"item: got {item!r:.200}; allowed: a Curve, Area, Label or Banner")
         item.draw(picture, view)
     return picture
@@ -177,8 +177,8 @@ def overlaid(image: ArrayLike, view: View, items: Iterable[Item]) -> Picture:
 
 def axes(T: Array, length: float = 0.01) -> list[Item]:
     """Return the axes of a frame in the world, (4, 4): x red, y green, z blue."""
-    T = checked_pose(T, "T")
-    ends = T[:3, 3] + check_numbers(length, (), "length [m]") * T[:3, :3].T
+    pose = checked_pose(T, "T")
+    ends = pose[:3, 3] + check_numbers(length, (), "length [m]") * pose[:3, :3].T
     return [
         Curve(np.stack([T[:3, 3], end]), colour)
         for end, colour in zip(ends, (RED, GREEN, BLUE), strict=True)
@@ -226,7 +226,7 @@ def stitch(entry: ArrayLike, exit_: ArrayLike, down: ArrayLike, radius: float) -
     if not np.linalg.norm(below) > 1e-6 * np.linalg.norm(down):
         raise InputError(f"down: got {down.tolist()}; allowed: not along the stitch")
     below /= np.linalg.norm(below)
-    reach = np.arcsin(half / radius)
+    reach = float(np.arcsin(half / radius))
     angles = np.linspace(-reach, reach, 30)[:, None]
     centre = 0.5 * (a + b) - below * np.sqrt(radius**2 - half**2)
     arc = centre + radius * (np.sin(angles) * along + np.cos(angles) * below)

@@ -8,7 +8,7 @@ disparity of their own.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -95,8 +95,8 @@ def find_wound(
     R, f, base = turns[0].R, float(P[0, 0]), -float(turns[1].P[0, 3] / turns[1].P[0, 0])
     ahead = line @ R.T
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(ahead, axis=0), axis=1))])
-    places = np.linspace(0.0, way[-1], count)
-    points = np.stack([np.interp(places, way, axis) for axis in ahead.T], axis=1)
+    places = np.linspace(0.0, float(way[-1]), count)
+    points = np.stack([cast(Array, np.interp(places, way, axis)) for axis in ahead.T], axis=1)
     pixels = points[:, :2] / points[:, 2:] * f + P[:2, 2]
     reach = half_width * f / points[:, 2]
     surface = _surface(flat[0], flat[1], pixels, float(reach.max()), f * base / points[:, 2])
@@ -198,13 +198,13 @@ def _surface(
     weight = np.ones(len(d))
     factors, spread = np.zeros(6), 1.0
     for _ in range(8):
-        A = (rows * weight[:, None]).T @ rows
-        factors = np.linalg.solve(A + 1e-9 * np.eye(6), (rows * weight[:, None]).T @ d)
+        matrix = (rows * weight[:, None]).T @ rows + 1e-9 * np.eye(6)
+        factors = np.asarray(np.linalg.solve(matrix, (rows * weight[:, None]).T @ d), np.float64)
         rest = np.abs(d - rows @ factors)
         spread = max(1.4826 * float(np.median(rest)), 0.02)
         weight = np.where(rest < 3.0 * spread, 1.0, (3.0 * spread / np.maximum(rest, 1e-9)) ** 2)
-    A = (rows * weight[:, None]).T @ rows
-    covariance = np.asarray(np.linalg.inv(A + 1e-9 * np.eye(6)), np.float64)
+    matrix = (rows * weight[:, None]).T @ rows + 1e-9 * np.eye(6)
+    covariance = np.asarray(np.linalg.inv(matrix), np.float64)
     covariance *= spread**2 * BLOCK**2
     return _DisparitySurface(middle, scale, factors, covariance)
 

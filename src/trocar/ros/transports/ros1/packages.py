@@ -14,6 +14,7 @@ from __future__ import annotations
 import shutil
 import sys
 from pathlib import Path
+from typing import Any, cast
 
 from trocar.errors import TrocarError
 from trocar.messages import message_names, message_type, service_names, service_type
@@ -32,7 +33,7 @@ def write_packages(folder: Path) -> tuple[str, ...]:
         TrocarError: genpy refuses
     """
     try:
-        from genpy import generate_initpy, generator  # pyright: ignore[reportMissingImports]
+        from genpy import generate_initpy, generator  # pyright: ignore[reportMissingImports, reportUnknownVariableType]
     except ImportError as error:
         raise MissingRospyError(sys.executable, str(error)) from error
     for part in ("python", "share"):
@@ -41,15 +42,16 @@ def write_packages(folder: Path) -> tuple[str, ...]:
     for package in sorted({name.split("/")[0] for name in message_names()} | set(PACKAGES)):
         write_definitions(package, share / package)
     search = {found.name: [str(found / "msg")] for found in share.iterdir()}
+    generators, modules = cast(Any, generator), cast(Any, generate_initpy)
     for package in PACKAGES:
-        for kind, made in (("msg", generator.MsgGenerator()), ("srv", generator.SrvGenerator())):
+        for kind, made in (("msg", generators.MsgGenerator()), ("srv", generators.SrvGenerator())):
             files = [str(path) for path in sorted((share / package / kind).glob(f"*.{kind}"))]
             out = folder / "python" / package / kind
             if files:
                 out.mkdir(parents=True)
                 if made.generate_messages(package, files, str(out), search):
                     raise TrocarError(f"genpy cannot generate {package}")
-                generate_initpy.write_modules(str(out))
+                modules.write_modules(str(out))
         (folder / "python" / package / "__init__.py").touch()
     for found in list(share.iterdir()):
         if found.name not in PACKAGES:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from trocar.descriptions.records import RigDescription
 from trocar.ros.parameters import LETTERS, MODEL, SIMULATED, Parameters
@@ -46,8 +46,8 @@ class ServerParameters:
         self._cache.set_notifier(self.changed)
         for key in self._joints:
             _, _, there = self._master.ask("subscribeParam", self._uri, key)
-            there = there if isinstance(there, dict) else {}
-            given = {letter: there[letter] for letter in LETTERS if letter in there}
+            held = cast("dict[str, Any]", there if isinstance(there, dict) else {})
+            given = {letter: held[letter] for letter in LETTERS if letter in held}
             gains = self._own.gains(key[1:])
             self._cache.set(key, gains | given)
             if given == gains:
@@ -81,7 +81,8 @@ class ServerParameters:
         if letter in LETTERS and name in self._joints:
             given = {letter: value}
         elif key in self._joints and isinstance(value, Mapping):
-            name, given = key, {k: v for k, v in value.items() if k in LETTERS}
+            held = cast(Mapping[str, object], value)
+            name, given = key, {k: v for k, v in held.items() if k in LETTERS}
         if given:
             self._own.set_gains(self._joints[name], name, given)
 

@@ -42,11 +42,11 @@ _log = logging.getLogger("trocar")
 NODE = "trocar"
 #: Debian 12's (and Ubuntu's, from 22.04 on) names of what `--ros1` needs.
 PACKAGES = "python3-rospy python3-rosmaster python3-std-msgs python3-rosgraph-msgs"
-#: How long a service may take. Source: our own choice; one takes milliseconds. [s]
+#: Longest time of a service call. Source: our own choice; one takes milliseconds. [s]
 SERVICE_S = 5.0
 #: Period of the check that the master has the node registered. Source: our own choice. [s]
 WATCH_S = 2.0
-#: How long unregistering may take. Source: our own choice; it takes tenths of a second. [s]
+#: Longest time to unregister. Source: our own choice; it takes tenths of a second. [s]
 FAREWELL_S = 10.0
 GONE = "ROS 1: the master at %s is unreachable; the simulation and existing connections continue"
 
@@ -128,7 +128,8 @@ class Rospy:
                 "--ros1: this process is already a ROS 1 node; allowed: one node per process"
             )
         logging.getLogger("rospy").setLevel(logging.CRITICAL)
-        self.rospy.core.configure_logging = lambda *_, **__: None
+        keep: Callable[..., None] = lambda *_, **__: None  # noqa: E731
+        self.rospy.core.configure_logging = keep
         options = {"disable_signals": True, "disable_rosout": True, "disable_rostime": True}
         try:
             self.rospy.init_node(node, argv=[], anonymous=anonymous, **options)

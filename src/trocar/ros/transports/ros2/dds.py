@@ -214,7 +214,7 @@ def load() -> Cyclone:
         from cyclonedds.internal import DDS
     except ImportError:
         raise MissingExtraError("cyclonedds", "ros2", "ROS 2") from None
-    return Cyclone(DDS._dll_handle._name)
+    return Cyclone(DDS._dll_handle._name)  # pyright: ignore[reportPrivateUsage]  no public name
 
 
 @dataclass(frozen=True)
@@ -250,7 +250,7 @@ class QualityOfService:
 
 #: Payloads above it are written while other threads run. Source: measured, copying takes 10 us.
 LARGE = 64 * 1024
-#: How many samples one call takes. Source: our own choice, the depth of a queue of commands.
+#: Most samples taken by one call. Source: our own choice, the depth of a queue of commands.
 TAKEN = 64
 # One octet: the least that every message has, so that any bytes pass. Source: dds_opcodes.h,
 # DDS_OP_ADR | DDS_OP_TYPE_1BY at offset 0, DDS_OP_RTS.
@@ -469,7 +469,7 @@ INTERNAL = (
     "<MaxSampleSize>32MB</MaxSampleSize></Internal>"
 )
 NO_MULTICAST = "<General><AllowMulticast>false</AllowMulticast></General>"
-#: What a ROS 2 program needs to stay on the loopback beside the simulator.
+#: CYCLONEDDS_URI that keeps a ROS 2 program on the loopback beside the simulator.
 CLIENT_URI = f"<General>{LOOPBACK}</General>"
 
 

@@ -38,7 +38,8 @@ def _store() -> Any:
     """Return Jazzy's types, with those of the services."""
     from rosbags.typesys import get_types_from_msg
 
-    store, types = typestore("ROS2_JAZZY"), {}
+    store = typestore("ROS2_JAZZY")
+    types: dict[str, Any] = {}
     for name, halves in SERVICES.items():
         for half, text in zip(("Request", "Response"), halves, strict=True):
             types.update(get_types_from_msg(text, f"rcl_interfaces/srv/{name}_{half}"))

@@ -47,11 +47,12 @@ COMMANDS = 1024
 WAIT_S = 0.2
 #: Calls and answers that wait. Source: rmw, rmw_qos_profile_services_default.
 CALLS = 10
-#: Threads that wait for services, and how long one may take. [s]
+#: Threads that wait for services, and the longest time of a service call [s].
 WORKERS, SERVICE_S = 4, 5.0
-#: How long an answer waits until its caller listens. Source: rmw_cyclonedds_cpp. [s]
+#: Longest wait of a reply for its caller to subscribe, and the period of looking.
+#: Source: rmw_cyclonedds_cpp. [s]
 LISTENS_S, LOOK_S = 0.1, 0.01
-#: Where a call and its answer name the caller, between the encapsulation and the message.
+#: Bytes of a request and its reply that name the caller, after the encapsulation header.
 #: Source: rmw_cyclonedds_cpp, `cdds_request_header_t` {uint64 guid; int64 seq}.
 CALLER = slice(4, 20)
 

@@ -19,7 +19,7 @@ _log = logging.getLogger("trocar")
 JOINT_STATE = "sensor_msgs/JointState"
 #: Time between two attempts to connect again [s]. Source: our own choice.
 RETRY_S = 1.0
-#: How long a connection may take [s]. Source: our own choice.
+#: Longest time to connect [s]. Source: our own choice.
 CONNECT_S = 5.0
 #: Largest message that is read [bytes]. Source: our own choice; a JointState has a few hundred.
 LARGEST = 1_000_000

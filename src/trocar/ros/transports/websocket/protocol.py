@@ -15,7 +15,7 @@ import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal, cast, get_args
 
 import msgspec
 import numpy as np
@@ -171,7 +171,8 @@ def _rejected(document: object, error: Exception) -> RequestError:
     """Return the error of a request that is JSON, with its id."""
     if not isinstance(document, dict):
         return RequestError(f"got {reprlib.repr(document)}; allowed: an object with an 'op'")
-    op, id = document.get("op"), document.get("id")  # noqa: A001
+    fields = cast("dict[str, object]", document)
+    op, id = fields.get("op"), fields.get("id")  # noqa: A001
     id = id if isinstance(id, str) and len(id) <= LONGEST_NAME and id.isprintable() else None  # noqa: A001
     if isinstance(op, str) and op in UNSUPPORTED:
         return RequestError(UNSUPPORTED[op], id)
@@ -181,7 +182,7 @@ def _rejected(document: object, error: Exception) -> RequestError:
     key = next((key for key in ALLOWED if re.search(rf"\b{key}`", str(error))), "")
     if not key:
         return RequestError(f"{op}: {error}", id)
-    got = reprlib.repr(document[key]) if key in document else "nothing"
+    got = reprlib.repr(fields[key]) if key in fields else "nothing"
     return RequestError(f"{op}: {key}: got {got}; allowed: {ALLOWED[key]}", id)
 
 
@@ -207,7 +208,7 @@ def frame(payload: bytes) -> bytes:
 def _plain(value: Any) -> Any:
     """Return an array's numbers, or numpy's number as Python's."""
     if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
+        return cast(Any, value).tolist()
     raise TypeError(f"{type(value).__name__} cannot be written as JSON")
 
 
@@ -397,14 +398,14 @@ ROSAPI: Mapping[str, tuple[str, Callable[[Rosapi, str], Values]]] = {
         "service",
         lambda of, name: {"node": NODE if plain(name) in of.services else ""},
     ),
-    "nodes": ("", lambda *_: {"nodes": [NODE]}),
+    "nodes": ("", lambda _of, _name: {"nodes": [NODE]}),
     "node_details": ("node", lambda of, node: of.node_details(node)),
     "message_details": ("type", lambda _, kind: typedefs(message_type(kind))),
     "service_request_details": ("type", lambda _, kind: typedefs(service_type(kind).request)),
     "service_response_details": ("type", lambda _, kind: typedefs(service_type(kind).response)),
-    "action_servers": ("", lambda *_: {"action_servers": []}),
-    "get_param_names": ("", lambda *_: {"names": []}),
-    "has_param": ("name", lambda *_: {"exists": False}),
-    "get_param": ("name", lambda *_: {"value": "null"}),
+    "action_servers": ("", lambda _of, _name: {"action_servers": []}),
+    "get_param_names": ("", lambda _of, _name: {"names": []}),
+    "has_param": ("name", lambda _of, _name: {"exists": False}),
+    "get_param": ("name", lambda _of, _name: {"value": "null"}),
     "get_time": ("", lambda of, _: of.time()),
 }

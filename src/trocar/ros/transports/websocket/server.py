@@ -59,7 +59,7 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger("trocar")
 
-#: Where clients of rosbridge look by themselves.
+#: Default port of rosbridge clients.
 PORT = 9090
 
 # Of all clients. Source: our own choice.
@@ -67,9 +67,9 @@ PORT = 9090
 OPEN_S, CLOSE_S = 5.0, 1.0
 #: Period of the check of what clients have not read yet. [s]
 TEND_S = 0.01
-#: Threads that wait for services, and how long a service may take. [s]
+#: Threads that wait for services, and the longest time of a service call [s].
 WORKERS, SERVICE_S = 4, 10.0
-#: How long ending may take. [s]
+#: Longest time to shut down. [s]
 FAREWELL_S = 5.0
 
 # Of one client. Source: our own choice.
@@ -250,7 +250,7 @@ class ClientSubscription:
     """
 
     name: str
-    periods: dict[Id, float] = field(default_factory=dict)
+    periods: dict[Id, float] = field(default_factory=dict[Id, float])
     throttle: Throttle = field(default_factory=lambda: Throttle(0.0))
     held: EncodedMessage | None = None
 

@@ -44,7 +44,7 @@ BENDS = (-np.pi / 6.0, 0.0, np.pi / 6.0)
 
 @dataclass(frozen=True, eq=False)
 class Intrinsics:
-    """One eye: how points ahead of it become pixels.
+    """One eye: projection of points ahead of it to pixels.
 
     Attributes:
         width, height: of the picture [px]

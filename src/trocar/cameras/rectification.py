@@ -29,7 +29,7 @@ PARALLEL = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class CameraInfo:
-    """One eye as ROS tells it: sensor_msgs/CameraInfo without its header.
+    """One eye as in ROS: sensor_msgs/CameraInfo without its header.
 
     Attributes:
         width, height: [px]

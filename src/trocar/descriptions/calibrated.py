@@ -207,7 +207,7 @@ def rig_overlays(rig: RigDescription) -> dict[str, Overlay]:
 
 
 def _carries(arm: ArmDescription, overlay: Overlay) -> bool:
-    """Tell whether an arm carries this very calibration already."""
+    """Return whether an arm carries this very calibration already."""
     return arm.overlay is not None and overlay_text(arm.overlay) == overlay_text(overlay)
 
 

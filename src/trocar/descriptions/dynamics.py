@@ -101,7 +101,7 @@ def _kept_by_tool(arm: ArmDescription) -> set[str]:
 
 
 def _moves(arm: ArmDescription, name: str, train: Drivetrain) -> bool:
-    """Tell whether a drivetrain is along the joint or frame that has its name."""
+    """Return whether a drivetrain is along the joint or frame that has its name."""
     mechanism = arm.mechanism
     if name in mechanism.joint_index:
         return dict(train.along) == {name: 1.0}

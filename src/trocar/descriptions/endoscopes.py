@@ -1,4 +1,4 @@
-"""The dVRK's endoscopes: where their tips are, and what they weigh."""
+"""The dVRK's endoscopes: positions of their tips, and their masses."""
 
 from __future__ import annotations
 

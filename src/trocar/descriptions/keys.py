@@ -195,7 +195,7 @@ def _key(one: dataclasses.Field[Any], hint: Any) -> Key:
 
 
 class KeySlot(NamedTuple):
-    """A key of a kind of table: what its reader needs at every table."""
+    """A key of a kind of table, with the reader's data for every table."""
 
     key: Key
     field: str

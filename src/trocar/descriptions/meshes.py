@@ -1,4 +1,4 @@
-"""Triangles from STL and OBJ files: what a part looks like, drawn and never touched.
+"""Triangles from STL and OBJ files: the appearance of a part, without collisions.
 
 Sources: the STL format (3D Systems, 1989: ASCII, and 80 bytes of header, a count, 50 bytes a
 triangle); the OBJ format (Wavefront, 1992: lines v and f, indices from 1, negative from the end).

@@ -66,7 +66,7 @@ def _check_as_in_file(arm: ArmDescription) -> None:
 
 
 def _same(one: object, other: object) -> bool:
-    """Tell whether two frozen records of numbers and arrays hold the same."""
+    """Return whether two frozen records of numbers and arrays are equal."""
     if type(one) is not type(other):
         return False
     pairs = [(value, vars(other)[key]) for key, value in vars(one).items()]

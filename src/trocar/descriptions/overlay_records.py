@@ -185,7 +185,7 @@ class Overlay:
         closures: {closure: where its hinge sits}
         measured: what was measured besides, for reports: tables of numbers, texts and lists
         source: {"file", "sha256", "version"}: the measurements and software that it comes from
-        warnings: what the calibration had to say
+        warnings: of the calibration
         file: where the overlay was read from, "" for one made in Python
         dynamics: its identified bodies and drivetrains; None: those of the description
         camera: what an ECM carries; None: what the rig has

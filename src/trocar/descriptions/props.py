@@ -306,6 +306,6 @@ def _check_touchable(row: Table, shapes: tuple[Shape, ...], *, free: bool) -> No
 
 
 def _is_flat(vertices: Array) -> bool:
-    """Tell whether points lie in one plane, as far as their length lets one say."""
+    """Return whether points lie in one plane, relative to their extent."""
     spread = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)
     return len(spread) < 3 or bool(spread[2] <= FLAT * spread[0])

@@ -261,11 +261,11 @@ class ArmDescription:
         tool_frame: the frame that tools hang on, "" when it takes none
         coupling: the tool's actuators, None without a tool
         inverse_kinematics: structure that has a closed form, "" when none
-        missing: what is not known
+        missing: the unknown data
         row_sources: {frame: source}
         block_sources: {block: source} of the other blocks ("friction identified", "rotor", the
             mounted tool, ...); a block of the tool has the tool's name in front
-        calibration: what a calibration reports of it, None where its file does not say
+        calibration: plan of its calibration report, None where its file has none
         overlay: the calibration that it carries, None of a nominal arm
     """
 
@@ -441,7 +441,7 @@ class Prop:
     """A body that stands in the world, or one that lies there until something moves it.
 
     Attributes:
-        name: what it is called
+        name: its name
         pose: T_world_prop, where a movable one begins (4, 4)
         shapes: what it looks like and collides with
         movable: None of one that stands still

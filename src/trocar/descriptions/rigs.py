@@ -1,4 +1,4 @@
-"""Rigs from TOML: which arms stand where."""
+"""Rigs from TOML: arms and their bases."""
 
 from __future__ import annotations
 

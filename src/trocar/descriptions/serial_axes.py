@@ -1,4 +1,4 @@
-"""The joints of an arm's chain one after another: how each axis stands to the next.
+"""The joints of an arm's chain one after another: distance and angle of each axis to the next.
 
 Of two axes that are parallel the distance counts, of others the distance along their
 common normal, whose sense the two directions give, and the angle between them. A slide has a

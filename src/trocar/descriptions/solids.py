@@ -1,4 +1,4 @@
-"""Solids that `make cad` has drawn: what a link looks like, what of it touches, how it is heavy.
+"""Solids that `make cad` has drawn: appearance, colliding shapes and mass of a link.
 
 A folder of solids holds solids.toml and the OBJ files that it names, in millimetres.
 """
@@ -55,7 +55,7 @@ class Solid:
 
 
 def seen_and_touched(solid: Solid, touches: Touches) -> tuple[Shape, ...]:
-    """Return the shapes of a solid: what is seen of it, and what of it collides."""
+    """Return the shapes of a solid: the visible ones and the colliding ones."""
     pieces = (replace(piece, collide=touches == "pieces") for piece in solid.convex)
     if touches in ("nothing", "pieces"):
         return (*solid.visual, *pieces)

@@ -251,7 +251,7 @@ class Table:
         return self._finite(key, value)
 
     def has(self, name: str, *dimensions: str) -> bool:
-        """Tell whether `name` is given in any unit of these dimensions."""
+        """Return whether `name` is given in any unit of these dimensions."""
         return bool(self._keys(name, dimensions))
 
     def quantity(self, name: str, *dimensions: str, default: float | None = None) -> float:
@@ -374,7 +374,7 @@ class Table:
         return tuple(found)
 
     def named(self, key: str, read: Callable[[Table], Row]) -> dict[str, Row]:
-        """Return {name: what `read` makes of it} of the tables in a sub-table, as `each` does."""
+        """Return {name: result of `read`} of the tables in a sub-table, as `each` does."""
         rows = self.optional_table(key)
         found: dict[str, Row] = {}
         for name in rows.entries():

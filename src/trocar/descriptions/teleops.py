@@ -1,4 +1,4 @@
-"""Teleoperations of a rig: which master moves which arm, and how."""
+"""Teleoperations of a rig: pairs of a master and the arm that it moves, with settings."""
 
 from __future__ import annotations
 

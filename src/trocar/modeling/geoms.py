@@ -1,4 +1,4 @@
-"""Shapes as geoms: which may touch which, and the meshes and materials they share."""
+"""Shapes as geoms: their collision masks, and the meshes and materials they share."""
 
 from __future__ import annotations
 

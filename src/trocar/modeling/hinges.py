@@ -24,7 +24,7 @@ class Hinge:
         damping: [N m s/rad or N s/m]
         frictionloss: dry friction [N m or N]
         stiffness: of a spring [N m/rad], 0 without one
-        rest: where the spring exerts nothing [rad]
+        rest: position at which the spring exerts nothing [rad]
         lower, upper: mechanical stops of the coordinate, infinite without [rad or m]
     """
 

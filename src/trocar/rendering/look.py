@@ -30,13 +30,13 @@ class Look:
         shadow_size: pixels along the edge of their map; 0: by the picture's width
         exposure: brighter by so many stops, or "auto": an endoscope's pictures are made as bright
             as those of a video processor, views are left as they are
-        wet: how much more surfaces glitter, 0 to 1
-        vignette: how much darker corners are, 0 to 1
+        wet: additional glitter of surfaces, 0 to 1
+        vignette: darkening of corners, 0 to 1
         noise: standard deviation of the sensor's noise, as a share of white, 0 to 0.5
         seed: of that noise
         distortion: whether pictures are distorted as the calibration has it
         samples: of each pixel, 0 (one) or 2, 4, ...: edges without stairs, slower
-        smoke: how dense it is, 0 to 1; of the surgical style, as is
+        smoke: its density, 0 to 1; of the surgical style, as is
         blood: share of tissue's surface that lies under it, 0 to 1
         jpeg: quality to which pictures are compressed as a video's are, 0 (not at all) to 95
 

@@ -69,7 +69,7 @@ class Renderer:
         look: light, exposure, lens and sensor
 
     Attributes:
-        contexts: how often the graphics library was opened: more than once when it was lost
+        contexts: number of times the graphics library was opened: more than 1 after it was lost
         driver: "llvmpipe (LLVM 15.0.6, 256 bits)" or a graphics card
         on_processor: whether that is the processor, and no graphics card
         triangles: of the newest picture, for each eye

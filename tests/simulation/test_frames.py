@@ -31,7 +31,10 @@ def test_jacobians_do_not_depend_on_what_was_asked_before(skew_overlay, rng) -> 
     world = moving_world(skew_overlay, rng)
     arm = world.arm("PSM1")
     first = arm.body.jacobian(), arm.spatial.jacobian(), arm.measured_cp().matrix
-    world.remote_centres(), world.snapshot(), arm.setpoint_cp(), arm.inverse_kinematics(first[2])
+    world.remote_centres()
+    world.snapshot()
+    arm.setpoint_cp()
+    arm.inverse_kinematics(first[2])
     second = arm.body.jacobian(), arm.spatial.jacobian(), arm.measured_cp().matrix
     for a, b in zip(first, second, strict=True):
         np.testing.assert_array_equal(a, b)

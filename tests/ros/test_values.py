@@ -59,7 +59,7 @@ def check_poses(arm, before: str, served: Served) -> None:
         close(pose_of(message), expected.T)
         assert message["header"]["frame_id"] == expected.frame_id
         local = served.last(f"{before}/local/{key}")
-        close(pose_of(local), getattr(arm.local, key)().T)
+        close(pose_of(local), getattr(arm.local, key)().matrix)
 
 
 def check_motion_and_force(arm, before: str, served: Served) -> None:

@@ -204,7 +204,7 @@ def test_a_handle_that_is_dragged_carries_the_master_and_the_tool_follows(
             return word in (browser.read("teleop") or "")
 
         def tip(arm: str, pose: str) -> Array:
-            T = getattr(loop.world.arm(arm), f"local_{pose}")().T
+            T = getattr(loop.world.arm(arm).local, pose)().matrix
             return loop.world.reference_pose(arm) @ T
 
         browser.wait(lambda: says("ALIGNING") and says("pinch"), "it aligns")

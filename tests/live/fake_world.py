@@ -115,7 +115,7 @@ class FakeArm:
         )
 
     def measured_cp(self) -> Namespace:
-        return Namespace(T=np.eye(4))
+        return Namespace(matrix=np.eye(4))
 
     def servo_jp(self, q, v=None) -> None:  # noqa: ARG002
         self.calls.append(("servo_jp", tuple(q)))

@@ -90,10 +90,10 @@ def test_standard_tools_read_joint_states_and_poses(tmp_path: Path) -> None:
             assert p.header.frame_id == cp.frame_id
             where = p.pose.position
             # MuJoCo's frames against the analytic ones, through a loop that gives a little
-            np.testing.assert_allclose([where.x, where.y, where.z], cp.T[:3, 3], atol=1e-5)
+            np.testing.assert_allclose([where.x, where.y, where.z], cp.matrix[:3, 3], atol=1e-5)
             turn = p.pose.orientation
             R = rotation(turn.w, turn.x, turn.y, turn.z)
-            np.testing.assert_allclose(R, cp.T[:3, :3], atol=1e-4)
+            np.testing.assert_allclose(R, cp.matrix[:3, :3], atol=1e-4)
 
 
 def rotation(w: float, x: float, y: float, z: float) -> np.ndarray:

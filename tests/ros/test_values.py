@@ -56,7 +56,7 @@ def check_poses(arm, before: str, served: Served) -> None:
         if f"{before}/{key}" not in served.core.topics:
             continue
         message, expected = served.last(f"{before}/{key}"), getattr(arm, key)()
-        close(pose_of(message), expected.T)
+        close(pose_of(message), expected.matrix)
         assert message["header"]["frame_id"] == expected.frame_id
         local = served.last(f"{before}/local/{key}")
         close(pose_of(local), getattr(arm.local, key)().matrix)

@@ -246,7 +246,7 @@ def test_a_base_frame_of_one_s_own_replaces_the_rig_s(arm):
     arm.local.set_base_frame(base, "table")
     found = arm.measured_cp()
     assert found.frame_id == "table"
-    np.testing.assert_allclose(found.T, base @ local, atol=1e-12)
+    np.testing.assert_allclose(found.matrix, base @ local, atol=1e-12)
     assert arm.servo_cp(arm.setpoint_cp().matrix)
     own = arm.local.measured_cv()
     np.testing.assert_allclose(arm.measured_cv().linear, turn @ own.linear, atol=1e-12)

@@ -4,6 +4,10 @@ Messages are nested dicts of plain values, however they came. Whatever is in the
 returns the checked value or raises `RefusedError`.
 """
 
+# Fields of messages are of any type, and casts would cost time on the way of set-points.
+# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false
+# pyright: reportUnknownMemberType=false
+
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
@@ -76,7 +80,7 @@ def flag(message: object, path: str) -> bool:
     """
     value = field(message, path)
     if isinstance(value, (bool, np.bool_)):
-        return bool(cast(object, value))
+        return bool(value)
     raise RefusedError("type", f"got {path} {shown(value)}; allowed: true or false")
 
 
@@ -111,7 +115,7 @@ def vector(message: Any, name: str) -> Array:
     items = value.tolist() if array else value
     if not isinstance(items, (list, tuple)):
         raise RefusedError("type", f"got {name} {shown(value)}; allowed: a list of numbers")
-    numbers = cast(Sequence[object], items)
+    numbers: Sequence[object] = items
     if len(numbers) > LONGEST:
         got = f"got {len(numbers)} numbers in {name}"
         raise RefusedError("shape", f"{got}; allowed: up to {LONGEST}")
@@ -155,7 +159,7 @@ def joints(message: Any, field: str, names: Sequence[str]) -> Array:
 def joints_or_none(message: Any, field: str, names: Sequence[str]) -> Array | None:
     """Return as `joints` does, None where the list is empty or missing."""
     mapping = type(message) is dict or isinstance(message, Mapping)
-    value = cast(Any, message).get(field) if mapping else None
+    value: Any = message.get(field) if mapping else None
     if value is None or (hasattr(value, "__len__") and len(value) == 0):
         return None
     return joints(message, field, names)
@@ -236,7 +240,7 @@ def stamp(message: Any) -> tuple[int, int] | None:
         return None
     if value is None:
         return None
-    pair = cast(Sequence[object], value) if isinstance(value, (tuple, list)) else ()
+    pair: Sequence[object] = value if isinstance(value, (tuple, list)) else ()
     if len(pair) == 2:
         sec, nanosec = pair
         if type(sec) is int and type(nanosec) is int and sec >= 0 and nanosec >= 0:
@@ -267,7 +271,7 @@ def _finite(value: object, path: str) -> float:
         value, (int, float, np.integer, np.floating)
     ):
         raise RefusedError("type", f"got {path} {shown(cast(object, value))}; allowed: a number")
-    number = cast(float, value)
+    number: Any = value
     if not abs(number) <= LARGEST:  # NaN is not either
         raise RefusedError(
             "number", f"got {path} {shown(number)}; allowed: finite, magnitude up to {LARGEST:g}"
@@ -277,7 +281,7 @@ def _finite(value: object, path: str) -> float:
 
 def _names(given: Any) -> list[str]:
     if isinstance(given, (list, tuple)):
-        held = cast(Sequence[object], given)
+        held: Sequence[object] = given
         names = [name for name in held if isinstance(name, str)]
         if len(names) == len(held) <= LONGEST:
             return names

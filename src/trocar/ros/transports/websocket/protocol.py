@@ -171,7 +171,7 @@ def _rejected(document: object, error: Exception) -> RequestError:
     """Return the error of a request that is JSON, with its id."""
     if not isinstance(document, dict):
         return RequestError(f"got {reprlib.repr(document)}; allowed: an object with an 'op'")
-    fields = cast("dict[str, object]", document)
+    fields: dict[str, object] = document  # pyright: ignore[reportUnknownVariableType]  checked below
     op, id = fields.get("op"), fields.get("id")  # noqa: A001
     id = id if isinstance(id, str) and len(id) <= LONGEST_NAME and id.isprintable() else None  # noqa: A001
     if isinstance(op, str) and op in UNSUPPORTED:

@@ -59,6 +59,14 @@ def flood(served: Served, rng: np.random.Generator, sent: Callable[[Topic, objec
     return accepted
 
 
+def check_bounds(served: Served) -> None:
+    backlog, arms = served.core.backlog, len(served.world.arms)
+    assert backlog["stamps"] <= 1024
+    assert backlog["events"] <= 1024
+    assert backlog["rejections"] <= 1000
+    assert served.loop.pending <= (64 + 2) * arms + 64
+
+
 def command(made: object) -> object:
     asked = made.get("string") if isinstance(made, dict) else None
     return asked if isinstance(asked, str) else None
@@ -84,6 +92,7 @@ def test_nothing_moves_without_power_and_homing(powered):
     for name, arm in served.world.arms.items():
         np.testing.assert_allclose(arm.joints.readings()[0], before[name], atol=2e-3)
         assert not arm.operating_state().is_homed
+    check_bounds(served)
 
 
 @pytest.mark.parametrize("rig", ["psm", pytest.param("full_cart_mtm", marks=pytest.mark.slow)])
@@ -92,6 +101,7 @@ def test_whatever_comes_the_core_goes_on(rig):
     accepted = flood(served, np.random.default_rng(7), lambda topic, made: True)  # noqa: ARG005
     assert 0.2 * COUNT < accepted < 0.9 * COUNT
     assert served.core.refused > 0.2 * COUNT
+    check_bounds(served)
     for arm in served.world.arms.values():
         assert np.isfinite(arm.joints.readings()[0]).all()
 
@@ -103,4 +113,7 @@ def test_a_flood_between_two_ticks_is_bounded():
     for _ in range(COUNT):
         topic = topics[rng.integers(len(topics))]
         served.core.receive(topic.name, message(rng, topic, 6), "flood")  # type: ignore[arg-type]
+    check_bounds(served)
+    assert served.loop.pending > 0
     served.run(0.05)
+    check_bounds(served)

@@ -130,6 +130,10 @@ class Inbox:
             _log.warning(text, command.verb, arm, self._capacity)
         return False
 
+    def __len__(self) -> int:
+        """Return the number of commands that were posted and not taken."""
+        return len(self._posted)
+
     def drain(self) -> list[Command]:
         """Take everything that was posted, oldest first."""
         with self._lock:

@@ -170,6 +170,11 @@ class Loop:
         return self._inbox.restless
 
     @property
+    def pending(self) -> int:
+        """Number of commands that wait for the next tick."""
+        return len(self._inbox)
+
+    @property
     def held(self) -> frozenset[str]:
         """Arms for which commands wait; in the loop's thread."""
         return self._inbox.held

@@ -375,6 +375,15 @@ class Core:
         """Number of samples that were left out because publishing could not keep up."""
         return self._sampler.skipped
 
+    @property
+    def backlog(self) -> dict[str, int]:
+        """Sizes of what clients can fill: stamps, pending events, kinds of rejections."""
+        return {
+            "stamps": len(self._stamps),
+            "events": self._sampler.events_waiting,
+            "rejections": len(self._rate_limit),
+        }
+
     # ------------------------------------------------------------------ inside
 
     def _share(self, arm: str, peer: str, others: Sequence[str]) -> None:

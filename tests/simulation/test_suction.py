@@ -10,7 +10,9 @@ import pytest
 from trocar.descriptions import load_rig
 from trocar.errors import InputError, UnknownNameError
 from trocar.geometry.se3 import transform
+from trocar.recording import record
 from trocar.simulation import World
+from trocar.simulation.journal import apply_command
 from trocar.simulation.suction import Suction
 
 #: Radius of the ball; the fingers of the large needle driver end a little before the opening [m].
@@ -138,9 +140,31 @@ def test_a_part_has_a_name_of_its_own_and_can_be_removed(world: World) -> None:
     assert not world.past.incomplete
 
 
+def test_commands_of_a_part_move_a_twin_alike(world: World, tmp_path: Path) -> None:
+    other = World(tmp_path / "mine.toml")
+    cup, _ = with_cup(world), with_cup(other)
+    world.listen(lambda entry: entry.kind == "command" and apply_command(other, entry))
+    cup.start()
+    for each in (world, other):
+        each.step(50)
+    assert cup.held == other.part(Suction).held == "ball"
+    assert np.array_equal(world.save().row, other.save().row)
+
+
+def test_no_part_is_added_to_a_world_that_is_recorded(world: World, tmp_path: Path) -> None:
+    with (
+        record(world, tmp_path / "run.mcap"),
+        pytest.raises(InputError, match="while the world is recorded"),
+    ):
+        world.add("suction", Suction("PSM1"))
+    assert "suction" not in world.parts
+
+
 def test_a_cup_needs_an_arm_and_numbers(world: World) -> None:
     with pytest.raises(UnknownNameError, match="PSM9"):
         world.add("suction", Suction("PSM9"))
     assert "suction" not in world.parts
     with pytest.raises(InputError, match="Suction: got"):
-        Suction("PSM1", gap_m=-1.0)
+        Suction("PSM1", radius_m=-1.0)
+    with pytest.raises(InputError, match=r"Suction: gap_m: got 0.0; allowed: a finite number from"):
+        Suction("PSM1", gap_m=0.0)

@@ -63,12 +63,14 @@ class Part:
     physics steps since the reset: then motion is the same however steps are grouped.
 
     Attributes:
+        name: in its world; `World.add` sets it, and commands of the part are entries under it
         every: physics steps between two calls of `look`, 0 for none; read when parts attach and
             when a state is loaded
         before_every: physics steps between two calls of `before_step`, 0 for none; a change between
             0 and 1 counts from the next command or event on
     """
 
+    name: str = ""
     every: int = 0
     before_every: int = 0
 

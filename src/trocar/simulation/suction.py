@@ -23,6 +23,8 @@ PRESSURE_PA = 60e3
 RADIUS_M = 0.003
 #: A gap of this width leaks everything. Source: placeholder. [m]
 GAP_M = 0.001
+#: Least gap of a cup. Source: our own choice. [m]
+LEAST_GAP_M = 1e-6
 #: The opening is looked for so far behind its rim: contacts press objects into it [m].
 DEPTH_M = 1e-3
 
@@ -60,7 +62,7 @@ class Suction(Part):
         held: name of the object that it pulls, "" for none, as of the last physics step
 
     Raises:
-        InputError: a number that is not finite or is below 0
+        InputError: a number that is not finite or is below 0, a gap below 1 um
     """
 
     def __init__(
@@ -71,9 +73,10 @@ class Suction(Part):
         radius_m: float = RADIUS_M,
         gap_m: float = GAP_M,
     ) -> None:
-        given = check_numbers([ahead_m, pressure_pa, radius_m, gap_m], (4,), "Suction", low=0.0)
-        ahead, pressure, radius, gap = given.tolist()
-        self.arm, self._ahead, self._gap = arm, ahead, max(gap, DEPTH_M)
+        given = check_numbers([ahead_m, pressure_pa, radius_m], (3,), "Suction", low=0.0)
+        ahead, pressure, radius = given.tolist()
+        gap = float(check_numbers(gap_m, (), "Suction: gap_m", low=LEAST_GAP_M))
+        self.arm, self._ahead, self._gap = arm, ahead, gap
         self.force = pressure * math.pi * radius**2
         self.held, self._running = "", False
         #: Of each body that the cup may pull, the tip's last: the wrenches that others set, and
@@ -89,7 +92,7 @@ class Suction(Part):
         if physics.arms.get(self.arm) is None:
             raise UnknownNameError("arm", self.arm, physics.arms, f"rig {physics.rig.name}")
         self._model, self._data = physics.model, physics.data
-        self._journal, self._source, self._prefix = physics.journal, self.arm, "suction."
+        self._journal, self._source, self._prefix = physics.journal, self.name, ""
         arm = physics.rig.arm(self.arm)
         names = [prop.name for prop in physics.rig.objects if prop.joint is None]
         self._tip, self._site = physics.joints.arms[self.arm].carrier(arm, arm.arm.mechanism.tip)

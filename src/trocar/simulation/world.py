@@ -711,18 +711,21 @@ class World:
     def add(self, name: str, part: Part) -> Callable[[], None]:
         """Add a part to this world; call the result to remove it.
 
-        A recording that goes on or begins then cannot be repeated: it lacks the part's code.
+        A recording that begins then cannot be repeated, since it lacks the part's code.
 
         Args:
             name: of the part; its state is saved under it
             part: begins at once, where the world is
 
         Raises:
-            InputError: a part, an arm or an object of the rig has this name
+            InputError: something else has this name, or the world is recorded
         """
+        if self.recorder is not None:
+            raise InputError(f"add: got {name!r} while the world is recorded; allowed: before")
         taken = {WORLD, *self.parts, *self.arms, *(prop.name for prop in self.rig.props)}
         if name in taken:
             raise InputError(f"add: got {name!r}; allowed: a name that nothing else has")
+        part.name = name
         part.attach(replace(self._physics, exchanged=""))
         part.begin()
         part.placed("")

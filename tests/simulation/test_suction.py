@@ -12,7 +12,7 @@ from trocar.errors import InputError, UnknownNameError
 from trocar.geometry.se3 import transform
 from trocar.recording import record
 from trocar.simulation import World
-from trocar.simulation.journal import apply_command
+from trocar.simulation.journal import Entry, apply_command
 from trocar.simulation.suction import Suction
 
 #: Radius of the ball; the fingers of the large needle driver end a little before the opening [m].
@@ -143,7 +143,12 @@ def test_a_part_has_a_name_of_its_own_and_can_be_removed(world: World) -> None:
 def test_commands_of_a_part_move_a_twin_alike(world: World, tmp_path: Path) -> None:
     other = World(tmp_path / "mine.toml")
     cup, _ = with_cup(world), with_cup(other)
-    world.listen(lambda entry: entry.kind == "command" and apply_command(other, entry))
+
+    def repeat(entry: Entry) -> None:
+        if entry.kind == "command":
+            apply_command(other, entry)
+
+    world.listen(repeat)
     cup.start()
     for each in (world, other):
         each.step(50)

@@ -203,6 +203,5 @@ class Inbox:
 
 
 def homing(arm: Arm) -> bool:
-    """Return whether an arm is on its way home: nothing else keeps one busy that is not homed."""
-    state = arm.operating_state()
-    return state.is_busy and not state.is_homed
+    """Return whether an arm is on its way home."""
+    return arm.operating_state().phase == "HOMING"

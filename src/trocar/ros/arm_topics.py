@@ -55,7 +55,6 @@ from trocar.ros.topic import (
 )
 from trocar.simulation.arm import STATE_COMMANDS
 from trocar.simulation.controllers import CartesianImpedance, HalfPlaneGains
-from trocar.simulation.moves import RATIO_MIN
 from trocar.simulation.readout import ArmReadout
 from trocar.simulation.records import ArmStatus
 
@@ -140,16 +139,11 @@ def _own(arm: ArmDescription) -> tuple[str, ...]:
     return arm.mechanism.joint_names[: arm.own_joints]
 
 
-def state_verb(verb: str) -> Verb:
-    """Return the verb of a state_command: to "home", an arm that is home stays where it is."""
-    return verb, {"anew": False} if verb == "home" else {}
-
-
 def _state(message: Message, arm: ArmDescription) -> Verb:  # noqa: ARG001  as every reader
     verb = text(message, "string")
     if verb not in STATE_COMMANDS:
         raise RefusedError("state", f"got {verb!r}; allowed: {', '.join(STATE_COMMANDS)}")
-    return state_verb(verb)
+    return verb, {}
 
 
 def _servo_jp(message: Message, arm: ArmDescription) -> Verb:
@@ -244,8 +238,8 @@ def _brakes(message: Message, arm: ArmDescription) -> Verb:  # noqa: ARG001
 def _ratio(of: str) -> Reader:
     def read(message: Message, arm: ArmDescription) -> Verb:  # noqa: ARG001
         ratio = number(message, "data")
-        if not RATIO_MIN <= ratio <= 1.0:
-            raise RefusedError("ratio", f"got a ratio of {ratio:g}; allowed: {RATIO_MIN:g} to 1")
+        if not 0.0 < ratio <= 1.0:
+            raise RefusedError("ratio", f"got a ratio of {ratio:g}; allowed: above 0, up to 1")
         return "set_trajectory_ratio", {"ratio": ratio, "of": of}
 
     return read
@@ -297,7 +291,7 @@ def _endoscope(message: Message, arm: ArmDescription) -> Verb:  # noqa: ARG001
 EVERY = (
     latched("operating_state", STATE, "state, is_homed, is_busy; again every second"),
     latched("desired_state", STRING, "the last commanded state",
-            first=lambda arm: {"data": arm.state}),
+            first=lambda arm: {"data": arm.desired}),
     event("goal_reached", BOOL, "whether a move reached its goal"),
     event("error", STRING, "why the arm is in FAULT"),
     event("warning", STRING, "what was rejected or clipped, and why"),

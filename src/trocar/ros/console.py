@@ -16,7 +16,7 @@ from trocar.live.inbox import Command
 from trocar.live.loop import Loop
 from trocar.live.state import PATIENT, Elapsed
 from trocar.ros import message_builders as build
-from trocar.ros.arm_topics import Act, state_verb
+from trocar.ros.arm_topics import Act
 from trocar.ros.message_fields import RefusedError, button, number, text, vector
 from trocar.ros.topic import (
     BOOL,
@@ -249,9 +249,8 @@ def console_topics(rig: RigDescription, emit: Emit) -> list[Topic]:
 
     def every_arm(topic: str, verb: str) -> Read:
         """Read a switch of the whole system. Before version 2.4 it lay under console/."""
-        name, values = state_verb(verb)
         return lambda message, _: [  # noqa: ARG005
-            Command(arm.name, name, values, topic) for arm in rig.arms
+            Command(arm.name, verb, {}, topic) for arm in rig.arms
         ]
 
     def reference_arm(message: Message, _: object) -> Command:

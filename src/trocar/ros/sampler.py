@@ -30,33 +30,19 @@ HELD_HZ = 0.5 / READY_S
 #: Events that may wait for a sample; a flood is cut off. Source: our own choice.
 EVENTS = 1024
 
-#: Desired state after a command. Source: SAW, SetDesiredState of mtsIntuitiveResearchKitArm.
-DESIRED = {
-    "enable": "ENABLED",
-    "disable": "DISABLED",
-    "home": "ENABLED",
-    "pause": "PAUSED",
-    "resume": "ENABLED",
-}
 #: Events of the journal that are topics, and the value that is their data.
 PLAIN = {
     "goal_reached": "reached",
+    "desired_state": "state",
     **dict.fromkeys(("error", "warning", "status"), "text"),
     **dict.fromkeys(("grasp/slipped", "grasp/dropped"), "object"),
 }
-#: Verbs whose end clients wait for.
+#: Verbs after which clients wait for a state.
 MOVES = {
+    *("state_command", "unhome"),
     *("move_jp", "move_jr", "move_cp", "move_to", "home"),
     *("jaw.move_jp", "jaw.move_jr", "jaw.open", "jaw.close"),
 }
-
-
-def desired_state(entry: Entry) -> str | None:
-    """Return the operating state that a command leads to, None for other entries."""
-    if entry.kind != "command":
-        return None
-    verb = entry.values.get("name") if entry.name == "state_command" else entry.name
-    return DESIRED.get(str(verb))
 
 
 def behind_s(rate_hz: float, tick_s: float) -> float | None:
@@ -196,13 +182,10 @@ class Sampler:
         before = self._prefixes.get(entry.source)
         if before is None:
             return
-        desired = desired_state(entry)
-        if desired is not None or (entry.kind == "command" and entry.name in MOVES):
+        if entry.name == "desired_state" or (entry.kind == "command" and entry.name in MOVES):
             self._moved.add(entry.source)
             if self._loop.world.arm(entry.source).operating_state().is_busy:
                 self._repeat_states()  # it may be over before the next sample
-        if desired is not None:
-            self._append(before, "desired_state", {"data": desired})
         if entry.kind != "event":
             return
         if entry.name == "operating_state":

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from trocar.descriptions.records import ArmDescription, RigArm
 from trocar.errors import InputError, UnknownNameError
 from trocar.geometry.se3 import transform
-from trocar.simulation.control import ArmWorld, OperatingState, Rejections
+from trocar.simulation.control import ArmWorld, Rejections
 from trocar.simulation.forces import Expiry, TipForces
 from trocar.simulation.jaw import Gripper, Jaw
 from trocar.simulation.joints import ArmJoints, Brakes
@@ -20,8 +20,8 @@ from trocar.simulation.journal import command
 from trocar.simulation.motors import Motors
 from trocar.simulation.moves import Motion
 from trocar.simulation.records import JointState, Pose, Twist, checked_pose
+from trocar.simulation.operating_state import STATE_COMMANDS, OperatingState
 from trocar.simulation.runtime import ArmRuntime, ArmState
-from trocar.simulation.states import STATE_COMMANDS
 from trocar.simulation.tip import SAFE_DEPTH_M, LocalTip
 
 __all__ = ["SAFE_DEPTH_M", "STATE_COMMANDS", "Arm", "ArmState", "Expiry"]
@@ -203,7 +203,7 @@ class Arm:
             q: (n,) [rad or m], the jaw not included; beyond a limit it is clipped with a warning
         """
         run = self.runtime
-        return run.begun(run.control.move(q, [run.own], "move_jp"))
+        return run.begun(run.control.move(q, run.own, "move_jp"))
 
     @command
     def move_jr(self, dq: ArrayLike) -> Motion:
@@ -221,8 +221,8 @@ class Arm:
         run = self.runtime
         if name not in run.poses:
             raise UnknownNameError("pose", name, run.poses, self.name)
-        goal = run.poses[name][: run.parts[-1].stop]
-        return run.begun(run.control.move(goal, run.parts, "move_to"))
+        moved = run.control.moves.joints
+        return run.begun(run.control.move(run.poses[name][moved], moved, "move_to"))
 
     @command
     def hold(self) -> None:
@@ -289,35 +289,34 @@ class Arm:
         q = run.tip.solved(T, "move_cp", frame)
         if q is None:
             return run.control.rejected(run.own)
-        return run.begun(run.control.move(q, [run.own], "move_cp"))
+        return run.begun(run.control.move(q, run.own, "move_cp"))
 
     # ------------------------------------------------------------------ states
 
     def enable(self) -> bool:
-        """Switch the motors on, from DISABLED or FAULT; the arm holds its position."""
+        """Switch the motors of a DISABLED arm on; it holds its position until it is homed.
+
+        A fault is left by `disable`, as on the robot: `enable` changes nothing there.
+        """
         return self.runtime.states.enable()
 
     def disable(self) -> bool:
         """End everything and switch the motors off; the arm is held in its position."""
         return self.runtime.states.disable()
 
-    def home(self, anew: bool = True) -> Motion:
-        """Bring the arm to its home pose, with power if it has none; the jaw stays.
+    def home(self) -> Motion:
+        """Bring an arm that was enabled to its home pose, with its jaw.
 
         The motion is over when the joints are measured there; if they are not within two seconds,
-        the arm is in FAULT.
-
-        Args:
-            anew: whether an arm that is on and home already goes there once more; on the hardware
-                it stays as it is
+        the arm is in FAULT. An arm that is home already stays as it is, moving or not; so does one
+        that was unhomed, which has to be disabled and enabled first.
         """
-        return self.runtime.states.home() if anew else self.runtime.states.home(anew=False)
+        return self.runtime.states.home()
 
     def state_command(self, name: str) -> bool:
         """Execute "enable", "disable", "home", "unhome", "pause" or "resume".
 
-        As on the hardware, "home" lets an arm that is on and home already stay as it is. "pause"
-        ends moves and holds; no command moves the arm until "resume".
+        The robot's states decide whether it is accepted, and `desired_state` follows.
 
         Returns:
             whether it was accepted

@@ -10,12 +10,13 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.errors import RejectedError
+from trocar.errors import InputError, RejectedError
 from trocar.simulation.cameras import CameraRecord
 from trocar.simulation.frames import Frames
 from trocar.simulation.journal import Journal
 from trocar.simulation.motors import Motors
-from trocar.simulation.moves import Drift, Leg, Motion, Moves, Profile
+from trocar.simulation.moves import Drift, Motion, Moves, Profile
+from trocar.simulation.operating_state import States
 from trocar.simulation.rate_limit import RateLimit, Remembered, burst, suffix
 from trocar.simulation.records import JointState
 from trocar.simulation.servos import EFFORT, POSITION
@@ -170,8 +171,11 @@ class ControlState:
     The names of its fields are in pickled states and in recordings.
     """
 
-    motions: tuple[tuple[Array, int, bool], ...]
-    legs: tuple[tuple[int, Profile, slice], ...]
+    profile: Profile | None
+    motions: tuple[tuple[Array, slice], ...]
+    target: Array
+    tracking: bool
+    silent: bool
     ratios: tuple[float, float]
     strict_limits: bool
     lent: frozenset[int]
@@ -215,6 +219,7 @@ class JointControl:
                 np.array([j.velocity_max for j in arm.joints]),
                 np.array([j.acceleration_max for j in arm.joints]),
             ),
+            (slice(0, arm.own_joints + arm.has_jaw), slice(0, arm.own_joints)),
             clock.wait,
             self._over,
         )
@@ -235,13 +240,12 @@ class JointControl:
     def save(self) -> ControlState:
         """Return copies of everything that is kept here."""
         moves = self.moves
-        handles: list[Motion] = []
-        for leg in moves.legs:
-            if leg.motion not in handles:
-                handles.append(leg.motion)
         return ControlState(
-            tuple(m.save() for m in handles),
-            tuple((handles.index(leg.motion), leg.profile, leg.part) for leg in moves.legs),
+            moves.profile,
+            tuple((motion.goal.copy(), part) for motion, part in moves.motions),
+            moves.target.copy(),
+            moves.tracking,
+            moves.silent,
             (moves.velocity_ratio, moves.acceleration_ratio),
             self.strict_limits,
             frozenset(self.switched),
@@ -254,10 +258,11 @@ class JointControl:
         """Restore everything that `save` returned; return new handles of the moves under way."""
         moves = self.moves
         moves.end(slice(0, len(self.joint_names)))
-        handles = [moves.motion(goal.copy()) for goal, _, _ in saved.motions]
-        for motion, (_, left, arrived) in zip(handles, saved.motions, strict=True):
-            motion.load(left, arrived)
-        moves.legs = [Leg(handles[k], profile, part) for k, profile, part in saved.legs]
+        handles = [moves.motion(goal.copy()) for goal, _ in saved.motions]
+        parts = (part for _, part in saved.motions)
+        moves.motions = list(zip(handles, parts, strict=True))
+        moves.profile, moves.target = saved.profile, saved.target.copy()
+        moves.tracking, moves.silent = saved.tracking, saved.silent
         moves.drift = saved.drift
         moves.velocity_ratio, moves.acceleration_ratio = saved.ratios
         self.strict_limits = saved.strict_limits
@@ -289,7 +294,7 @@ class JointControl:
         """Set positions (and velocities) of some joints now; return whether it was accepted."""
         m, moves = self.motors, self.moves
         if (  # joints that simply follow their servos, in few calls
-            not (moves.legs or moves.drift or self.switched or self.restored)
+            not (moves.profile or moves.drift or self.switched or self.restored)
             and not (m.brakes or m.welded or np.count_nonzero(m.modes[part]))
             and self.states.ready
             and _fits(q, self._range[part])
@@ -297,6 +302,7 @@ class JointControl:
         ):
             m.position[part] = q
             m.velocity[part] = 0.0 if v is None else v
+            moves.tracking = False
             return True
         names = self.joint_names[part]
         target = self.rejections.vector(q, names, verb, "positions")
@@ -309,8 +315,7 @@ class JointControl:
         if allowed is None:
             return False
         inside, moves = allowed
-        self.under_position(part)
-        self.moves.end(part)
+        self._take_position(part)
         self.motors.position[part] = inside
         if v is not None:
             speed = self._slowed(speed, part, verb)
@@ -324,8 +329,7 @@ class JointControl:
         if requested is None or self._immobile(part, verb):
             return False
         inside = self._slowed(requested, part, verb)
-        self.under_position(part)
-        self.moves.end(part)
+        self._take_position(part)
         self.motors.velocity[part] = 0.0
         speed = np.where(self.motors.locked[part], 0.0, inside)
         if speed.any():
@@ -363,20 +367,21 @@ class JointControl:
         every[part] = np.clip(requested, -limit, limit)
         self.motors.command_effort(every)
 
-    def move(self, q: ArrayLike, parts: Sequence[slice], verb: str) -> Motion:
-        """Move adjoining parts to a goal within velocity and acceleration limits.
-
-        Each part arrives in its own time, the joints of a part together.
-        """
-        whole = slice(parts[0].start, parts[-1].stop)
-        target = self.rejections.vector(q, self.joint_names[whole], verb, "positions")
-        if target is None or self._immobile(whole, verb):
-            return self.rejected(whole)
-        allowed = self._allowed(target, whole, verb)
+    def move(self, q: ArrayLike, part: slice, verb: str) -> Motion:
+        """Move some joints to a goal within velocity and acceleration limits."""
+        target = self.rejections.vector(q, self.joint_names[part], verb, "positions")
+        if target is None or self._immobile(part, verb):
+            return self.rejected(part)
+        allowed = self._allowed(target, part, verb)
         if allowed is None:
-            return self.rejected(whole)
-        self.under_position(whole)
-        return self.moves.begin(allowed[0], parts, self._clock.time)
+            return self.rejected(part)
+        self.under_position(self._together(part))
+        self._warn_of_jaw(part, verb)
+        try:
+            return self.moves.begin(allowed[0], part, self._clock.time)
+        except InputError as problem:
+            self.rejections.reject(verb, "plan", str(problem))
+            return self.rejected(part)
 
     def move_relative(self, dq: ArrayLike, part: slice, verb: str) -> Motion:
         """Move on from the goal that some joints have, or from their set-points."""
@@ -384,7 +389,7 @@ class JointControl:
         if change is None:
             return self.rejected(part)
         goal = self.setpoints(part) if self.switched else self.moves.goal(part)
-        return self.move(goal + change, [part], verb)
+        return self.move(goal + change, part, verb)
 
     def rejected(self, part: slice) -> Motion:
         """Return a motion that is over and reached nothing, for the last reason."""
@@ -402,7 +407,7 @@ class JointControl:
 
     def put(self, q: Array) -> None:
         """End every move; set-points rest at q, (n,), without effort."""
-        self.moves.end(slice(0, len(q)))
+        self.moves.rest(q)
         self.motors.position[:] = q
         self.motors.velocity[:] = 0.0
         self.motors.effort[:] = 0.0
@@ -477,8 +482,31 @@ class JointControl:
 
     # ------------------------------------------------------------------ inside
 
-    def _over(self, motion: Motion) -> None:
-        self.report("goal_reached", reached=motion.goal_reached)
+    def _over(self, reached: bool) -> None:
+        self.report("goal_reached", reached=reached)
+
+    def _warn_of_jaw(self, part: slice, verb: str) -> None:
+        """Warn of a jaw that a move of the arm takes along."""
+        moves, jaw = self.moves, self.moves.joints.stop - 1
+        if moves.tracking or part.stop > jaw:
+            return
+        goal, now = moves.target[jaw], self.motors.position[jaw]
+        if abs(goal - now) > 1e-3:
+            self.rejections.warn(
+                f"{verb} jaw",
+                f"{verb}: the jaw moves from {now:.3f} to {goal:.3f} rad, the goal of its last"
+                " move, as on the robot; command it by moves, too",
+            )
+
+    def _take_position(self, part: slice) -> None:
+        """Put joints under position control, and end a trajectory, the others at rest."""
+        self.under_position(self._together(part))
+        self.moves.end(part)
+
+    def _together(self, part: slice) -> slice:
+        """Return the joints that a command to some of them puts under position control."""
+        moved = self.moves.joints
+        return moved if part.start < moved.stop and part.stop > moved.start else part
 
     def _here(self) -> Array:
         """Return the measured positions, clipped to the limits, (n,)."""
@@ -559,112 +587,3 @@ def _fits(values: ArrayLike, limits: Sequence[tuple[float, float]]) -> bool:
     except TypeError:
         return False
     return True
-
-
-#: Tolerances of measured positions. Source: mtsIntuitiveResearchKitPSM.cpp (3 degrees); our own
-#: choice for slides. [rad], [m]
-NEAR_RAD = float(np.deg2rad(3.0))
-NEAR_M = 0.003
-#: Longest time to reach them after the set-points arrived. Source: our own choice. [s]
-PATIENCE_S = 2.0
-
-State = Literal["DISABLED", "ENABLED", "PAUSED", "FAULT"]
-
-
-@dataclass(frozen=True)
-class OperatingState:
-    """CRTK's operating state of an arm at a time [s].
-
-    Attributes:
-        state: DISABLED (no power), ENABLED, PAUSED (holds, takes no commands) or FAULT
-        is_homed: whether its position is known and it was brought home
-        is_busy: whether a move or the homing is under way
-    """
-
-    state: State
-    is_homed: bool
-    is_busy: bool
-    time: float
-
-    @property
-    def ready(self) -> bool:
-        """Whether motion commands are accepted."""
-        return self.state == "ENABLED" and self.is_homed
-
-
-class States:
-    """The state machine of one arm; it is independent of motors.
-
-    Attributes:
-        state: the operating state
-        homed: whether the arm was homed
-    """
-
-    def __init__(self) -> None:
-        self.state: State = "DISABLED"
-        self.homed = False
-
-    def begin(self, ready: bool) -> None:
-        """Start anew: enabled and homed, or as the hardware does after power-on."""
-        self.state = "ENABLED" if ready else "DISABLED"
-        self.homed = ready
-
-    @property
-    def powered(self) -> bool:
-        """Whether the motors have power."""
-        return self.state in ("ENABLED", "PAUSED")
-
-    @property
-    def ready(self) -> bool:
-        """Whether motion commands are accepted."""
-        return self.homed and self.state == "ENABLED"
-
-    def why_not_ready(self) -> str:
-        """Return the reason to reject motion commands, "" without one."""
-        if self.state == "PAUSED":
-            return "the arm is PAUSED; resume it first"
-        if self.state != "ENABLED":
-            return f"the arm is {self.state}; enable it first"
-        return "" if self.homed else "the arm is not homed; home it first"
-
-    def why_not(self, command: str) -> str:
-        """Return the reason to reject a state command, "" without one."""
-        required: dict[str, tuple[State, ...]] = {
-            "pause": ("ENABLED",),
-            "resume": ("PAUSED",),
-            "home": ("DISABLED", "ENABLED"),
-        }
-        allowed = required.get(command, (self.state,))
-        if self.state in allowed:
-            return ""
-        return f"the arm is {self.state}; allowed when {' or '.join(allowed)}"
-
-
-class Homing:
-    """A homing under way.
-
-    Attributes:
-        motion: what the caller waits for
-        way: the move of the set-points
-    """
-
-    def __init__(self, motion: Motion, way: Motion, slides: NDArray[np.bool_]) -> None:
-        self.motion = motion
-        self.way = way
-        self._near = np.where(slides, NEAR_M, NEAR_RAD)
-        self._arrived = np.inf
-
-    def look(self, measured: Array, time: float) -> Literal["", "home", "stopped", "late"]:
-        """Return the outcome, "" while under way. `measured` is (n,) [rad or m]."""
-        if not self.way.done:
-            return ""
-        if not self.way.goal_reached:
-            return "stopped"
-        self._arrived = min(self._arrived, time)
-        if not self.far(measured).any():
-            return "home"
-        return "late" if time - self._arrived > PATIENCE_S else ""
-
-    def far(self, measured: Array) -> NDArray[np.bool_]:
-        """Return a mask of the joints that are not home, (n,)."""
-        return np.abs(measured - self.way.goal) > self._near

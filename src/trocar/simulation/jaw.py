@@ -69,7 +69,7 @@ class Jaw:
     @command
     def move_jp(self, q: ArrayLike) -> Motion:
         """Move the opening to a goal, (1,) [rad]."""
-        return self._reported(self._control.move(q, [self._part], "jaw.move_jp"))
+        return self._reported(self._control.move(q, self._part, "jaw.move_jp"))
 
     @command
     def move_jr(self, dq: ArrayLike) -> Motion:

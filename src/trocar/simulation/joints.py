@@ -13,7 +13,6 @@ from trocar.simulation.control import LARGEST
 from trocar.simulation.health import arm_health
 from trocar.simulation.journal import command, command_as
 from trocar.simulation.motors import MODES
-from trocar.simulation.moves import RATIO_MIN
 from trocar.simulation.records import ArmHealth, Mode
 from trocar.simulation.runtime import ArmRuntime
 
@@ -229,33 +228,39 @@ class ArmJoints:
 
     @property
     def trajectory_ratio(self) -> tuple[float, float]:
-        """Ratios of the velocity and acceleration limits that moves keep to, RATIO_MIN to 1."""
+        """Ratios of the velocity and acceleration limits that moves keep to, in ]0, 1]."""
         moves = self._arm.control.moves
         return moves.velocity_ratio, moves.acceleration_ratio
 
     @command
     def set_trajectory_ratio(self, ratio: float, of: Share = "both") -> None:
-        """Slow down the moves that begin from now on.
+        """Slow down moves, also the one under way.
 
         Args:
-            ratio: of the limits, RATIO_MIN to 1
+            ratio: of the limits, in ]0, 1]
             of: "both", "velocity" or "acceleration"
 
         Raises:
-            InputError: another ratio or limit
+            InputError: another ratio or limit; one that leaves a move under way no trajectory
         """
-        moves = self._arm.control.moves
+        moves, clock = self._arm.control.moves, self._arm.journal
         if of not in SHARES:
             raise InputError(f"{self._source}: got ratio of {of!r}; allowed: {', '.join(SHARES)}")
         if (
             not isinstance(cast(object, ratio), (int, float, np.number))
-            or not RATIO_MIN <= ratio <= 1.0
+            or not 0.0 < ratio <= 1.0
         ):
-            raise InputError(f"{self._source}: got ratio {ratio!r}; allowed: {RATIO_MIN:g} to 1")
+            raise InputError(f"{self._source}: got ratio {ratio!r}; allowed: above 0, up to 1")
+        before = self.trajectory_ratio
         if of != "acceleration":
             moves.velocity_ratio = float(ratio)
         if of != "velocity":
             moves.acceleration_ratio = float(ratio)
+        try:
+            moves.plan_again(clock.time)
+        except InputError:
+            moves.velocity_ratio, moves.acceleration_ratio = before
+            raise
         velocity, acceleration = self.trajectory_ratio
         self._arm.control.report("trajectory_ratio", velocity=velocity, acceleration=acceleration)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,11 +16,6 @@ Array = NDArray[np.float64]
 #: The library, which has no type stubs.
 _RUCKIG: Any = ruckig
 
-RATIO_MIN = 0.002
-"""Least trajectory ratio of a move. Source: Ruckig plans at most 7600 s; at this ratio the longest
-move of the catalogue, suj_psm3 over its whole range, takes 6600 s. The dVRK accepts ]0, 1]."""
-
-
 class Motion:
     """A move under way, or over.
 
@@ -31,14 +26,11 @@ class Motion:
         reason: why the command was rejected, "" if it was not
     """
 
-    def __init__(
-        self, goal: Array, wait: Callable[[Motion, float | None], bool], parts: int = 1
-    ) -> None:
+    def __init__(self, goal: Array, wait: Callable[[Motion, float | None], bool]) -> None:
         self.goal = goal
         self.reason = ""
+        self.done = self.goal_reached = False
         self._wait = wait
-        self._left = parts
-        self._arrived = parts > 0
 
     def __repr__(self) -> str:
         if self.reason:
@@ -47,16 +39,6 @@ class Motion:
         goal = ", ".join(f"{value:.4g}" for value in self.goal)
         return f"<Motion to ({goal}): {ended if self.done else 'under way'}>"
 
-    @property
-    def done(self) -> bool:
-        """Whether no set-point follows this move any longer."""
-        return self._left == 0
-
-    @property
-    def goal_reached(self) -> bool:
-        """Whether the set-points arrived, all of them."""
-        return self.done and self._arrived
-
     def wait(self, timeout_s: float | None = None) -> bool:
         """Wait until the move is over and return whether the goal was reached.
 
@@ -64,18 +46,9 @@ class Motion:
         """
         return self._wait(self, timeout_s)
 
-    def save(self) -> tuple[Array, int, bool]:
-        """Return the goal, how many parts are under way, and whether all until now arrived."""
-        return self.goal.copy(), self._left, self._arrived
-
-    def load(self, left: int, arrived: bool) -> None:
-        """Go on where a saved move was."""
-        self._left, self._arrived = left, arrived
-
     def finish(self, reached: bool) -> None:
-        """Mark one of the move's parts as over."""
-        self._left -= 1
-        self._arrived &= reached
+        """Mark the move as over."""
+        self.done, self.goal_reached = True, reached
 
 
 class Profile:
@@ -107,7 +80,7 @@ class Profile:
         except (
             _RUCKIG.RuckigError,
             ValueError,
-        ) as error:  # ValueError: a result that its enum lacks
+        ) as error:  # ValueError: a result that its enum lacks; it plans at most 7600 s
             raise InputError(
                 f"no trajectory from {position.tolist()} to {goal.tolist()} within velocities"
                 f" {most.tolist()} and accelerations {rate.tolist()}"
@@ -132,15 +105,6 @@ class Profile:
     def __reduce__(self) -> tuple[type[Profile], tuple[object, ...]]:
         """Pickle the inputs, from which the same profile is planned again."""
         return Profile, self._inputs
-
-
-@dataclass(frozen=True, eq=False)
-class Leg:
-    """The part of a move that some joints make."""
-
-    motion: Motion
-    profile: Profile
-    part: slice
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,18 +133,27 @@ class Drift:
 
 
 class Moves:
-    """The moves of one arm; its joints and its jaw move independently of each other.
+    """The moves of one arm: one trajectory of its joints and its jaw, which arrive together.
+
+    Source: SAW, mtsIntuitiveResearchKitArm.cpp (move_jp, move_jr, SetControlSpaceAndMode) and
+    mtsIntuitiveResearchKitPSM.cpp:1349 (jaw_move_jp).
 
     Args:
         position, velocity: set-points, (n,) [rad or m, per s]; written in place
         limits: largest velocities and accelerations, (n,) each
+        joints: those that moves move, the jaw is the last where there is one
+        own: those of them that are not the jaw
         wait: waits for a move
-        over: called with every move that ends
+        over: called with whether it arrived when a trajectory ends
 
     Attributes:
         velocity_max: largest velocities, (n,)
-        velocity_ratio, acceleration_ratio: of the limits that moves keep to, RATIO_MIN to 1
-        legs: moves under way
+        velocity_ratio, acceleration_ratio: of the limits that moves keep to, in ]0, 1]
+        profile: the trajectory under way, None without one
+        motions: handles of the moves that it makes, with the joints of each
+        target: goal of the last trajectory, (n,) [rad or m]
+        tracking: whether a trajectory was the last command that set positions
+        silent: whether nobody is told how the trajectory under way ends
         drift: joints that go on at constant velocities, if any do
     """
 
@@ -189,78 +162,115 @@ class Moves:
         position: Array,
         velocity: Array,
         limits: tuple[Array, Array],
+        joints: tuple[slice, slice],
         wait: Callable[[Motion, float | None], bool],
-        over: Callable[[Motion], None],
+        over: Callable[[bool], None],
     ) -> None:
         self._position, self._velocity, self._limits = position, velocity, limits
+        self.joints, self._own = joints
         self._wait, self._over = wait, over
         self.velocity_max = limits[0]
         self.velocity_ratio = self.acceleration_ratio = 1.0
-        self.legs: list[Leg] = []
+        self.profile: Profile | None = None
+        self.motions: list[tuple[Motion, slice]] = []
+        self.target = position.copy()
+        self.tracking = self.silent = False
         self.drift: Drift | None = None
 
     def reattach(self, position: Array, velocity: Array) -> None:
         """Go on with set-points in another place."""
         self._position, self._velocity = position, velocity
 
-    def motion(self, goal: Array, parts: int = 1) -> Motion:
-        """Return the handle of a move to a goal that so many parts make."""
-        return Motion(goal, self._wait, parts)
+    def motion(self, goal: Array) -> Motion:
+        """Return the handle of a move to a goal."""
+        return Motion(goal, self._wait)
 
-    def begin(self, goal: Array, parts: Sequence[slice], time: float) -> Motion:
-        """Start a move of adjoining parts to a goal, from where their set-points are and go.
+    def begin(self, goal: Array, part: slice, time: float, silent: bool = False) -> Motion:
+        """Move some joints to a goal, from where their set-points are and go.
 
-        Moves that these joints were making end; those of other joints go on.
+        The other joints go on to theirs, and all arrive together. Where no trajectory was before,
+        the arm's joints stay for a move of the jaw; for one of the arm the jaw goes to the goal of
+        its last trajectory, as on the robot.
+
+        Args:
+            goal: of the joints of `part`, (n,) [rad or m]
+            part: which joints
+            time: of the beginning [s]
+            silent: whether nobody is told how it ends, as of a homing
 
         Raises:
             InputError: no trajectory leads there; nothing changes
         """
-        first, motion = parts[0].start, self.motion(goal, len(parts))
-        most, rate = self._limits
-        legs: list[Leg] = []
-        for part in parts:
-            start = self._position[part].copy(), self._velocity[part].copy()
-            limits = self.velocity_ratio * most[part], self.acceleration_ratio * rate[part]
-            there = goal[part.start - first : part.stop - first]
-            legs.append(Leg(motion, Profile(start, there, limits, time), part))
-        for part in parts:
-            self.end(part)
-        self.legs += legs
+        target = self.target.copy()
+        if not self.tracking:
+            target[self._own] = self._position[self._own]
+        target[part] = goal
+        profile = self._plan(target, time)
+        for motion, moved in list(self.motions):
+            if moved.start < part.stop and part.start < moved.stop:
+                motion.finish(False)
+                self.motions.remove((motion, moved))
+        self._end_drift(self.joints)
+        motion = self.motion(goal.copy())
+        self.motions.append((motion, part))
+        self.profile, self.target, self.tracking, self.silent = profile, target, True, silent
         return motion
+
+    def plan_again(self, time: float) -> None:
+        """Go on to the goal within limits that changed."""
+        if self.profile is not None:
+            self.profile = self._plan(self.target, time)
 
     @property
     def active(self) -> bool:
         """Whether set-points change as time passes."""
-        return bool(self.legs) or self.drift is not None
+        return self.profile is not None or self.drift is not None
 
     def end(self, part: slice) -> None:
-        """End the moves of some joints; the caller sets their next set-points."""
-        for leg in list(self.legs):
-            if leg.part.start < part.stop and part.start < leg.part.stop:
-                self._finish(leg, False)
-        drift = self.drift
-        if drift and drift.part.start < part.stop and part.start < drift.part.stop:
-            self.drift = None
+        """End the trajectory, for a command to some joints that sets their next set-points."""
+        if part.start < self.joints.stop and self.joints.start < part.stop:
+            self.tracking = False
+            if self.profile is not None:
+                self._velocity[self.joints] = 0.0
+                self._finish(False)
+        self._end_drift(part)
 
     def goal(self, part: slice) -> Array:
         """Return the goals of some joints, or their set-points where nothing moves, (n,)."""
-        goal = self._position.copy()
-        for leg in self.legs:
-            goal[leg.part] = leg.profile.goal
-        return goal[part]
+        return (self._position if self.profile is None else self.target)[part].copy()
+
+    def rest(self, q: Array) -> None:
+        """Take joint positions as those of the last trajectory, (n,), without a move."""
+        self.end(slice(0, len(q)))
+        self.target = q.copy()
 
     def follow(self, time: float) -> None:
         """Advance the set-points to a time."""
-        for leg in list(self.legs):
-            self._position[leg.part], self._velocity[leg.part] = leg.profile.at(time)
-            if leg.profile.over(time):
-                self._finish(leg, True)
+        profile = self.profile
+        if profile is not None:
+            self._position[self.joints], self._velocity[self.joints] = profile.at(time)
+            if profile.over(time):
+                self._finish(True)
         if self.drift:
             part = self.drift.part
             self._position[part], self._velocity[part] = self.drift.at(time)
 
-    def _finish(self, leg: Leg, reached: bool) -> None:
-        self.legs.remove(leg)
-        leg.motion.finish(reached)
-        if leg.motion.done:
-            self._over(leg.motion)
+    def _plan(self, target: Array, time: float) -> Profile:
+        part = self.joints
+        start = self._position[part].copy(), self._velocity[part].copy()
+        most, rate = self._limits
+        limits = self.velocity_ratio * most[part], self.acceleration_ratio * rate[part]
+        return Profile(start, target[part], limits, time)
+
+    def _end_drift(self, part: slice) -> None:
+        drift = self.drift
+        if drift and drift.part.start < part.stop and part.start < drift.part.stop:
+            self.drift = None
+
+    def _finish(self, reached: bool) -> None:
+        self.profile = None
+        motions, self.motions = self.motions, []
+        for motion, _ in motions:
+            motion.finish(reached)
+        if not self.silent:
+            self._over(reached)

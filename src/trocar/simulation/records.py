@@ -92,6 +92,7 @@ class ArmStatus:
     Attributes:
         balanced: whether gravity compensation is on
         state, homed, busy: the operating state
+        desired: where the last accepted state command or a fault leads
         base: as `set_base_frame` set it, T (4, 4) and frame; None where the rig determines it
         tool: name of the mounted tool, "" without one
         ratios: shares of the velocity and acceleration limits that moves keep to
@@ -104,6 +105,7 @@ class ArmStatus:
     state: str
     homed: bool
     busy: bool
+    desired: str
     base: tuple[Array, str] | None
     tool: str
     ratios: tuple[float, float]

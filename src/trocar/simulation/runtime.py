@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions.records import RigArm
-from trocar.simulation.control import ArmWorld, ControlState, JointControl, State
+from trocar.simulation.control import ArmWorld, ControlState, JointControl
 from trocar.simulation.controllers import Controller
 from trocar.simulation.forces import Expiry, ForceControl, ForceState
 from trocar.simulation.jaw import Gripper, Jaw
 from trocar.simulation.journal import command
 from trocar.simulation.motors import Motors
 from trocar.simulation.moves import Motion
+from trocar.simulation.operating_state import Desired, Phase, State
 from trocar.simulation.records import ArmSample, ArmSnapshot, ArmStatus
 from trocar.simulation.servos import EFFORT
 from trocar.simulation.states import ArmStateMachine, HomingState
@@ -30,8 +31,11 @@ class ArmState:
     The names of its fields are in pickled states and in recordings.
     """
 
-    state: State
+    phase: Phase
+    desired: Desired
+    known: bool
     homed: bool
+    resumes: tuple[Phase, Desired]
     told: tuple[State, bool, bool] | None
     control: ControlState
     laws: dict[str, Controller]
@@ -58,7 +62,6 @@ class ArmRuntime:
         control: joint commands for any part of its joints
         tip, forces, states: its tip, force control and operating state
         own, every: its joints without the jaw, and with it
-        parts: those that arrive at a named pose together
         jaw: the jaw's own verbs, None without one
         gripper: a master's gripper, None without one
     """
@@ -90,7 +93,6 @@ class ArmRuntime:
         self.control = JointControl(self.name, motors, self._clock, before)
         count = len(arm.mechanism.joint_names)
         self.own, self.every = slice(0, arm.own_joints), slice(0, count)
-        self.parts = [self.own, slice(count - 1, count)] if arm.has_jaw else [self.own]
         self.tip.fit(self.control)
         self.forces.fit(self.control)
         self.states.fit(self.control, self.poses)
@@ -139,7 +141,8 @@ class ArmRuntime:
         """Whether set-points or efforts change from step to step."""
         moves, forces = self.control.moves, self.forces
         return (
-            bool(moves.legs or forces.controllers)
+            moves.profile is not None
+            or bool(forces.controllers)
             or moves.drift is not None
             or forces.expiry is not None
             or self.states.homing is not None
@@ -187,8 +190,11 @@ class ArmRuntime:
         states, forces, placed = self.control.states, self.forces.save(), self.tip.placed
         gripper = self.gripper
         return ArmState(
-            states.state,
+            states.phase,
+            states.desired,
+            states.known,
             states.homed,
+            states.resumes,
             self.states.reported,
             self.control.save(),
             forces.controllers,
@@ -204,7 +210,9 @@ class ArmRuntime:
     def load(self, saved: ArmState) -> None:
         """Restore everything that `save` returned; handles of moves until now are over."""
         self.states.abandon_homing()
-        self.control.states.state, self.control.states.homed = saved.state, saved.homed
+        states = self.control.states
+        states.phase, states.desired, states.resumes = saved.phase, saved.desired, saved.resumes
+        states.known, states.homed = saved.known, saved.homed
         motions = self.control.load(saved.control)
         self.forces.load(
             ForceState(saved.laws, saved.lock, saved.absolute, saved.push, saved.expiry)
@@ -230,6 +238,7 @@ class ArmRuntime:
         self._fit(rig_arm, motors, self.control)
         motors.place(q, np.zeros(len(q)))
         motors.command(setpoint, np.zeros(len(q)))
+        self.control.moves.rest(setpoint)
         motors.apply()
         self.states.report()
 
@@ -256,7 +265,7 @@ class ArmRuntime:
             setpoint,
             modes,
             locked,
-            bool(control.moves.legs),
+            control.moves.profile is not None,
             remote_centre,
             control.rejections.count,
             control.rejections.last,
@@ -276,6 +285,7 @@ class ArmRuntime:
                 states.state,
                 states.homed,
                 self.states.busy,
+                states.desired,
                 self.tip.placed,
                 self.description.tool,
                 (moves.velocity_ratio, moves.acceleration_ratio),

@@ -7,15 +7,21 @@ import logging
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.simulation.control import ArmWorld, Homing, JointControl, OperatingState, State
+from trocar.simulation.control import ArmWorld, JointControl
 from trocar.simulation.forces import ForceControl
 from trocar.simulation.journal import command
 from trocar.simulation.moves import Motion
+from trocar.simulation.operating_state import (
+    STATE_COMMANDS,
+    Desired,
+    Homing,
+    OperatingState,
+    State,
+)
 
 Array = NDArray[np.float64]
 log = logging.getLogger("trocar")
 
-STATE_COMMANDS = ("enable", "disable", "home", "unhome", "pause", "resume")
 #: Copies of a homing under way: goal, goal of the set-points' move, whether that is over and there.
 HomingState = tuple[Array, Array, bool, bool]
 
@@ -50,8 +56,6 @@ class ArmStateMachine:
     def state_command(self, name: str) -> bool:
         """Execute "enable", "disable", "home", "unhome", "pause" or "resume".
 
-        As on the hardware, "home" lets an arm that is on and home already stay as it is.
-
         Returns:
             whether it was accepted
         """
@@ -60,28 +64,36 @@ class ArmStateMachine:
             self._control.rejections.reject("state_command", "name", why)
             return False
         if name == "home":
-            motion = self.home(anew=False)
+            motion = self.home()
             return not motion.done or motion.goal_reached
         return bool(getattr(self, name)())
 
     @command
     def enable(self) -> bool:
-        """Switch the motors on, from DISABLED or FAULT; the arm holds its position."""
-        motors = self._control.motors
-        if not self._states.powered:
-            self._states.state = "ENABLED"
+        """Switch the motors of a DISABLED arm on; it holds its position until it is homed.
+
+        A fault is left by `disable`, as on the robot: `enable` changes nothing there.
+        """
+        if not self._may("enable"):
+            return False
+        if self._states.phase == "DISABLED":
             self._settle()
-            motors.switch(True)
-            motors.follow()
-            self.report()
+            self._control.motors.switch(True)
+            self._control.motors.follow()
+            self._states.enter("ENABLED")
+        self._report_desired("ENABLED")
+        if self._states.phase == "FAULT":
+            self._control.rejections.warn(
+                "enable fault", "enable: the arm stays in FAULT; disable it first"
+            )
         return True
 
     @command
     def disable(self) -> bool:
         """End everything and switch the motors off; the arm is held in its position."""
         self._switch_off()
-        self._states.state = "DISABLED"
-        self.report()
+        self._states.enter("DISABLED")
+        self._report_desired("DISABLED")
         return True
 
     @command
@@ -89,56 +101,55 @@ class ArmStateMachine:
         """End moves and hold; no command moves the arm until `resume`."""
         if not self._may("pause"):
             return False
-        self.stop()
-        self._states.state = "PAUSED"
-        self.report()
+        states = self._states
+        if states.phase != "PAUSED":  # the robot forgets what it paused when it is paused twice
+            states.resumes = states.phase, states.desired
+            self.stop()
+        states.enter("PAUSED")
+        self._report_desired("PAUSED")
         return True
 
     @command
     def resume(self) -> bool:
-        """Accept commands again after `pause`."""
+        """Go on after `pause`: accept commands, or begin the homing again that it ended."""
         if not self._may("resume"):
             return False
-        self._states.state = "ENABLED"
-        self.report()
+        phase, desired = self._states.resumes
+        if phase == "HOMING":
+            self._go_home()
+        else:
+            self._states.enter(phase)
+        self._report_desired(desired)
         return True
 
     @command
-    def home(self, anew: bool = True) -> Motion:
-        """Bring the arm to its home pose, with power if it has none; the jaw stays.
+    def home(self) -> Motion:
+        """Bring an arm that was enabled to its home pose; the jaw stays.
 
         The motion is over when the joints are measured there; if they are not within two seconds,
-        the arm is in FAULT.
-
-        Args:
-            anew: whether an arm that is on and home already goes there once more. On the hardware
-                it stays as it is, moving or not. Source: SAW, mtsIntuitiveResearchKitArm: the
-                state that is desired, HOMED, is the current one
+        the arm is in FAULT. An arm that is home already stays as it is, moving or not; so does one
+        that was unhomed, which has to be disabled and enabled first.
         """
-        control, motors = self._control, self._control.motors
-        own = motors.position[self._own]
+        control, states = self._control, self._states
         if not self._may("home"):
             return control.rejected(self._own)
-        if self._states.homed and self._states.powered and not anew:
-            self.report()
-            return self._over(own)
-        self._states.homed = False
-        self.enable()
-        self.stop()
-        goal = self._poses["home"][self._own] if "home" in self._poses else own
-        motion = Motion(goal.copy(), self._clock.wait)
-        moves = "home" in self._poses and not motors.welded and not motors.brakes
-        way = control.moves.begin(goal, [self._own], self._clock.time) if moves else self._over(own)
-        self.homing = Homing(motion, way, self._slides())
-        self.report()
+        if states.phase == "HOMED" and not states.known:
+            control.rejections.warn(
+                "home unhomed",
+                "home: an arm that was unhomed is not homed again; disable and enable it first",
+            )
+            motion = control.rejected(self._own)
+        elif states.phase == "HOMED":
+            motion = self._over(control.motors.position[self._own])
+        else:
+            motion = self._go_home() if self.homing is None else self.homing.motion
+        self._report_desired("HOMED")
         return motion
 
     @command
     def unhome(self) -> bool:
-        """Forget that the arm was homed; it holds its position."""
-        if self._states.state == "ENABLED":
-            self.stop()
-        self._states.homed = False
+        """Forget that the arm was homed; a move under way goes on, and none is accepted after."""
+        self._states.known = self._states.homed = False
         self.report()
         return True
 
@@ -147,16 +158,17 @@ class ArmStateMachine:
     @property
     def busy(self) -> bool:
         """Whether a move is under way; homing is one."""
-        return bool(self._control.moves.legs) or self.homing is not None
+        return self._control.moves.profile is not None or self.homing is not None
 
     def operating_state(self) -> OperatingState:
         """Return the state as CRTK has it."""
-        return OperatingState(self._states.state, self._states.homed, self.busy, self._clock.time)
+        now = self._states
+        return OperatingState(now.state, now.homed, self.busy, self._clock.time, now.phase)
 
     def report(self) -> None:
         """Enter the operating state into the journal, when it changed."""
         states = self._states
-        now = states.state, states.homed, bool(self._control.moves.legs) or self.homing is not None
+        now = states.state, states.homed, self.busy
         if now != self.reported:
             self.reported = now
             self._control.report("operating_state", state=now[0], is_homed=now[1], is_busy=now[2])
@@ -164,11 +176,11 @@ class ArmStateMachine:
     def fault(self, reason: str) -> None:
         """Switch the motors off after a fault."""
         self._switch_off()
-        self._states.state = "FAULT"
+        self._states.enter("FAULT")
         log.error("%s: FAULT: %s", self._source, reason)
         self._control.rejections.last = f"FAULT: {reason}"
         self._control.report("error", text=reason)
-        self.report()
+        self._report_desired("FAULT")
 
     def stop(self, part: slice | None = None) -> None:
         """End what some joints (all when omitted) do; they stay at the set-points.
@@ -192,7 +204,7 @@ class ArmStateMachine:
         homing, self.homing = self.homing, None
         if homing is not None:
             homing.motion.finish(False)
-            self._control.report("goal_reached", reached=False)
+            self._states.phase = "ENABLED"
 
     def watch(self) -> None:
         """Look whether a homing under way has ended, and how."""
@@ -203,10 +215,8 @@ class ArmStateMachine:
         outcome = homing.look(measured, self._clock.time)
         if outcome == "home":
             self.homing = None
-            self._states.homed = True
+            self._states.enter("HOMED")
             homing.motion.finish(True)
-        elif outcome == "stopped":
-            self.abandon_homing()
         elif outcome == "late":
             names = np.array(self._control.joint_names[self._own])[homing.far(measured)]
             self.fault(f"homing: {', '.join(names)} did not arrive")
@@ -232,6 +242,29 @@ class ArmStateMachine:
             self.homing = Homing(motion, way, self._slides())
 
     # ------------------------------------------------------------------ inside
+
+    def _go_home(self) -> Motion:
+        """Begin a homing; return its handle."""
+        control, motors = self._control, self._control.motors
+        own = motors.position[self._own]
+        self.stop()
+        self._states.enter("HOMING")
+        moves = "home" in self._poses and not motors.welded and not motors.brakes
+        if moves:
+            part = control.moves.joints
+            goal = self._poses["home"][part]
+            way = control.moves.begin(goal, part, self._clock.time, silent=True)
+        else:
+            way = self._over(own)
+        motion = Motion(way.goal[self._own].copy(), self._clock.wait)
+        self.homing = Homing(motion, way, self._slides())
+        return motion
+
+    def _report_desired(self, state: Desired) -> None:
+        """Enter the desired state into the journal, and the operating state where it changed."""
+        self._states.desired = state
+        self._control.report("desired_state", state=state)
+        self.report()
 
     def _slides(self) -> NDArray[np.bool_]:
         return np.array([j.kind == "prismatic" for j in self._control.motors.arm.joints[self._own]])

@@ -59,7 +59,9 @@ def test_moves_and_states_are_bounded():
 def test_the_page_says_the_state_in_words():
     world = World("psm", homed=False)
     assert state_line(world.snapshot().arms["PSM1"]) == "DISABLED, not homed"
+    world.arm("PSM1").enable()
+    assert state_line(world.snapshot().arms["PSM1"]) == "ENABLED, not homed"
     world.arm("PSM1").home()
-    assert state_line(world.snapshot().arms["PSM1"]) == "ENABLED, not homed, busy"
+    assert state_line(world.snapshot().arms["PSM1"]) == "ENABLED, homed, busy"
     world.arm("PSM1").runtime.states.fault("a test")
-    assert state_line(world.snapshot().arms["PSM1"]) == "FAULT, not homed"
+    assert state_line(world.snapshot().arms["PSM1"]) == "FAULT, homed"

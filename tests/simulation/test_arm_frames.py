@@ -109,7 +109,7 @@ def test_a_command_is_repeated_in_its_frame(world):
         (lambda a: a.forces.servo_ci(None), "servo_ci", "CartesianImpedance"),
         (lambda a: a.forces.lock_orientation(), "lock_orientation", "only masters"),
         (lambda a: a.jaw.move_jp([np.inf]), "jaw.move_jp", "finite"),
-        (lambda a: a.state_command("resume"), "resume", "allowed when PAUSED"),
+        (lambda a: a.state_command("resume"), "resume", "not supported in state ENABLED"),
         (lambda a: a.state_command("dance"), "state_command", "allowed: enable"),
     ],
 )

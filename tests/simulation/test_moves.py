@@ -8,7 +8,7 @@ import pytest
 from trocar.descriptions import load_arm, names
 from trocar.errors import InputError
 from trocar.simulation import World
-from trocar.simulation.moves import RATIO_MIN, Profile
+from trocar.simulation.moves import Profile
 
 GOAL = np.array([0.6, -0.4, 0.19, 1.0, 0.4, -0.3])
 
@@ -54,11 +54,11 @@ def test_a_move_is_as_fast_as_its_slowest_joint_may_be():
 
 
 @pytest.mark.parametrize("name", names("arms"))
-def test_every_arm_crosses_its_whole_range_at_the_least_ratio(name):
+def test_every_arm_crosses_its_whole_range_at_a_ratio_of_two_thousandths(name):
     joints = [j for j in load_arm(name).joints if np.isfinite(j.velocity_max)]  # motors alone
     lower, upper = (np.array([getattr(j, k) for j in joints]) for k in ("lower", "upper"))
-    speed = RATIO_MIN * np.array([j.velocity_max for j in joints])
-    rate = RATIO_MIN * np.array([j.acceleration_max for j in joints])
+    speed = 0.002 * np.array([j.velocity_max for j in joints])
+    rate = 0.002 * np.array([j.acceleration_max for j in joints])
     path = Profile((lower, np.zeros(len(joints))), upper, (speed, rate), 0.0)
     np.testing.assert_allclose(path.at(path.duration)[0], upper)
 
@@ -155,10 +155,19 @@ def test_arms_move_at_the_same_time():
     assert both == pytest.approx(world.time, abs=2e-3)
 
 
-def test_the_jaw_moves_beside_the_arm_and_neither_ends_the_other():
+def goals(world: World) -> list[bool]:
+    """Whether moves reached their goals, as events report it from now on."""
+    found: list[bool] = []
+    world.listen(lambda e: found.append(e.values["reached"]) if e.name == "goal_reached" else None)
+    return found
+
+
+def test_a_jaw_that_moves_during_a_move_arrives_with_the_arm_in_one_trajectory():
+    """As the robot, E10 of its recorded answers: one goal_reached."""
     world = World("psm")
     arm = world.arm("PSM1")
     assert arm.jaw is not None
+    reported = goals(world)
     reach = arm.move_jp(GOAL)
     world.step(50)
     opening = arm.jaw.open()
@@ -167,7 +176,97 @@ def test_the_jaw_moves_beside_the_arm_and_neither_ends_the_other():
     assert not opening.done
     assert arm.jaw.setpoint_js().velocity[0] > 0.0
     assert opening.wait(5.0)
-    assert reach.wait(5.0)
+    assert reach.done and reach.goal_reached
+    assert reported == [True]
+    np.testing.assert_array_equal(arm.setpoint_js().position, GOAL)
+    np.testing.assert_allclose(arm.jaw.setpoint_js().position, arm.jaw.OPEN)
+
+
+@pytest.mark.parametrize("mover", ["arm", "jaw"])
+def test_a_servo_command_to_arm_or_jaw_ends_the_move_of_both(mover):
+    """E11, E12: a move of 0.4 rad that the jaw ends after 0.3 s stops at 0.064 rad."""
+    world = World("psm")
+    arm = world.arm("PSM1")
+    assert arm.jaw is not None
+    reported = goals(world)
+    if mover == "arm":
+        motion = arm.move_jp([0.4, 0, 0.12, 0, 0, 0])
+        world.step(round(0.285 / world.timestep))
+        assert arm.jaw.servo_jp([0.3])
+        assert 0.05 < arm.setpoint_js().position[0] < 0.08
+        assert arm.jaw.setpoint_js().position == 0.3
+    else:
+        motion = arm.jaw.move_jp([1.2])
+        world.step(round(0.05 / world.timestep))
+        assert arm.servo_jp(arm.setpoint_js().position)
+        assert 0.0 < arm.jaw.setpoint_js().position[0] < 0.1
+    assert motion.done and not motion.goal_reached
+    assert reported == [False]
+    assert not arm.setpoint_js().velocity.any() and not arm.jaw.setpoint_js().velocity.any()
+
+
+def test_a_move_that_replaces_another_reports_one_end():
+    """B3, B4: the robot says nothing of the move that was replaced."""
+    world = World("psm")
+    arm = world.arm("PSM1")
+    reported = goals(world)
+    first = arm.move_jp(GOAL)
+    world.step(200)
+    assert arm.move_jp([0, 0, 0.12, 0, 0, 0]).wait(5.0)
+    assert first.done and not first.goal_reached
+    assert reported == [True]
+
+
+def test_a_move_of_the_arm_takes_a_jaw_to_the_goal_of_its_last_move(caplog):
+    """E16 of the recorded answers: moved to 0.4, then put to 0.6, it goes back to 0.4."""
+    world = World("psm")
+    arm = world.arm("PSM1")
+    assert arm.jaw is not None
+    assert arm.jaw.move_jp([0.4]).wait(5.0)
+    assert arm.jaw.servo_jp([0.6])
+    world.step(100)
+    with caplog.at_level("WARNING", "trocar"):
+        assert arm.move_jp(GOAL).wait(5.0)
+    assert arm.jaw.setpoint_js().position == 0.4
+    assert "the jaw moves from 0.600 to 0.400 rad" in caplog.text
+
+
+def test_a_ratio_slows_the_move_under_way_down():
+    world = World("psm")
+    arm = world.arm("PSM1")
+    motion = arm.move_jp([-0.5, 0, 0.12, 0, 0, 0])
+    world.step(round(0.3 / world.timestep))
+    before = arm.setpoint_js().velocity[0]
+    arm.joints.set_trajectory_ratio(0.2)
+    path = followed(world, round(8.0 / world.timestep))
+    speed = np.diff(path[:, 0]) / world.timestep
+    rate = np.diff(speed) / world.timestep
+    assert speed[0] == pytest.approx(before, abs=2e-3)
+    joint = arm.description.joints[0]
+    assert np.abs(rate).max() <= 0.2 * joint.acceleration_max * (1 + 1e-6)
+    assert motion.goal_reached
+    assert arm.setpoint_js().position[0] == -0.5
+    # 0.5 s down to 0.2 of the speed, 1 s from there to a stop, and what is left between.
+    slow, left = 0.2 * joint.velocity_max, 0.5 + path[0, 0]
+    brake = (abs(before) - slow) / (0.2 * joint.acceleration_max)
+    left -= brake * (abs(before) + slow) / 2 + slow / 2
+    arrives = np.flatnonzero(path[:, 0] > -0.5 + 1e-9)[-1] * world.timestep
+    assert arrives == pytest.approx(brake + left / slow + 1.0, abs=5e-3)
+
+
+@pytest.mark.parametrize("ratio", [1e-9, 1e-300])
+def test_a_ratio_that_leaves_no_trajectory_is_rejected(ratio):
+    world = World("psm")
+    arm = world.arm("PSM1")
+    motion = arm.move_jp(GOAL)
+    world.step(100)
+    with pytest.raises(InputError, match="no trajectory"):
+        arm.joints.set_trajectory_ratio(ratio)
+    assert arm.joints.trajectory_ratio == (1.0, 1.0)
+    assert motion.wait(5.0)
+    arm.joints.set_trajectory_ratio(ratio)  # at rest there is nothing to plan yet
+    assert not arm.move_jp([0, 0, 0.12, 0, 0, 0]).wait(1.0)
+    assert "no trajectory" in arm.rejections.last
 
 
 def test_a_named_pose_moves_arm_and_jaw():
@@ -180,35 +279,6 @@ def test_a_named_pose_moves_arm_and_jaw():
     np.testing.assert_array_equal(motion.goal, pose)
     np.testing.assert_array_equal(arm.setpoint_js().position, pose[:6])
     np.testing.assert_array_equal(arm.jaw.setpoint_js().position, pose[6:])
-
-
-def test_a_jaw_that_is_taken_over_lets_the_arm_go_on_to_its_pose():
-    world = World("psm")
-    arm = world.arm("PSM1")
-    assert arm.jaw is not None
-    motion = arm.move_to("work")
-    world.step(30)
-    assert arm.jaw.servo_jp([0.2])
-    assert not motion.done
-    assert not motion.wait(10.0)  # over, but not all of it arrived
-    assert motion.done
-    np.testing.assert_array_equal(arm.setpoint_js().position, world.rig.poses["work"]["PSM1"][:6])
-    np.testing.assert_array_equal(arm.jaw.setpoint_js().position, [0.2])
-
-
-def test_an_arm_that_is_taken_over_leaves_its_jaw_at_rest_or_going():
-    """A servo command for the arm must not freeze the jaw with a velocity."""
-    world = World("psm")
-    arm = world.arm("PSM1")
-    assert arm.jaw is not None
-    arm.move_to("work")
-    world.step(30)
-    assert arm.servo_jp(arm.setpoint_js().position)
-    world.step(2000)
-    np.testing.assert_array_equal(
-        arm.jaw.setpoint_js().position, world.rig.poses["work"]["PSM1"][6:]
-    )
-    assert not arm.jaw.setpoint_js().velocity.any()
 
 
 def test_a_move_in_set_mode_is_followed_exactly():

@@ -186,8 +186,10 @@ def test_reset_is_a_function_of_seed_and_pose_alone(rig, act):
     assert first.random == second.random
     for name, arm in first.arms.items():
         other = second.arms[name]
-        assert (arm.state, arm.homed, arm.laws, arm.homing) == (
-            other.state,
+        assert (arm.phase, arm.desired, arm.known, arm.homed, arm.laws, arm.homing) == (
+            other.phase,
+            other.desired,
+            other.known,
             other.homed,
             other.laws,
             other.homing,

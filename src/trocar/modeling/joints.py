@@ -82,7 +82,9 @@ class JointTable:
             m/s]
         gains: P, I, D that the rig starts with, (J, 3)
         compensated: whether its control feeds gravity forward, (J,) bool
-        tolerance: tracking error that trips the arm, inf where no error does [rad or m]
+        actuators: errors of actuators = actuators @ errors of joints, (J, J); an instrument's
+            discs are coupled
+        tolerance: error of an actuator that trips the arm, inf where none does [rad or m]
         fingers: joints that have a spring and no motor, as a master's gripper, (J,) bool
         braked: joints with a brake, (J,) bool
     """
@@ -100,6 +102,7 @@ class JointTable:
     corner: Array
     gains: Array
     compensated: NDArray[np.bool_]
+    actuators: Array
     tolerance: Array
     fingers: NDArray[np.bool_]
     braked: NDArray[np.bool_]
@@ -132,6 +135,7 @@ def joint_table(
     drive, couple = np.zeros((count, model.nq)), np.zeros((model.nq, count))
     rate, share = np.zeros((count, model.nv)), np.zeros((count, model.nv))
     lower, upper, effort, slope, corner, tolerance = (np.zeros(count) for _ in range(6))
+    actuators = np.eye(int(count))
     gains = np.zeros((count, INPUTS))
     balanced, fingers, braked = (np.zeros(count, np.bool_) for _ in range(3))
     for rig_arm in rig.arms:
@@ -148,15 +152,20 @@ def joint_table(
             for frame, weight in joint.drive:
                 drive[row, index.qpos[column[frame]]] = weight
                 rate[row, index.dof[column[frame]]] = weight
-            held = joint.name == "jaw" or rig_arm.arm.type == "MTM"
             pid = gains_of.pid[joint.name]
             effort[row] = min(effort_limit(joint, gains_of), UNLIMITED)
             slope[row], corner[row] = speed_line(joint, gains_of)
-            # A jaw below 0 or on an object is force, not error; a master is moved by hand. Source:
-            # SAW mtsIntuitiveResearchKitMTM.h, should_use_measured_setpoint_check.
+            # A jaw below 0 or on an object is force, not error, but of its discs; a master is moved
+            # by hand. Source: SAW mtsIntuitiveResearchKitMTM.h, should_use_measured_setpoint_check.
+            held = joint.name == "jaw" and rig_arm.arm.coupling is None
+            held |= rig_arm.arm.type == "MTM"
             tolerance[row] = np.inf if held else joint.tracking_tolerance
             gains[row] = pid.p, pid.i, pid.d
             fingers[row] = joint.spring is not None
+        coupling = rig_arm.arm.coupling
+        if coupling is not None:
+            discs = slice(rows.stop - len(coupling.joint_to_actuator), rows.stop)
+            actuators[discs, discs] = coupling.joint_to_actuator
         lower[rows], upper[rows] = mechanism.lower, mechanism.upper
         braked[rows] = rig_arm.arm.type == "SUJ"
         balanced[rows] = gains_of.gravity_compensation if compensated is None else compensated
@@ -165,7 +174,20 @@ def joint_table(
         couple[index.qpos, rows] = ratios
     if [model.actuator(k).name for k in range(count)] != names:
         raise InputError(f"rig {rig.name}: its servos are not in the order of its joints")
-    numbers = (drive, rate, share, couple, lower, upper, effort, slope, corner, gains, tolerance)
+    numbers = (
+        drive,
+        rate,
+        share,
+        couple,
+        lower,
+        upper,
+        effort,
+        slope,
+        corner,
+        gains,
+        actuators,
+        tolerance,
+    )
     for array in numbers:
         array.setflags(write=False)
     return JointTable(
@@ -182,6 +204,7 @@ def joint_table(
         corner,
         gains,
         balanced,
+        actuators,
         tolerance,
         fingers,
         braked,

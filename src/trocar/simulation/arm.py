@@ -19,8 +19,8 @@ from trocar.simulation.joints import ArmJoints, Brakes
 from trocar.simulation.journal import command
 from trocar.simulation.motors import Motors
 from trocar.simulation.moves import Motion
-from trocar.simulation.records import JointState, Pose, Twist, checked_pose
 from trocar.simulation.operating_state import STATE_COMMANDS, OperatingState
+from trocar.simulation.records import JointState, Pose, Twist, checked_pose
 from trocar.simulation.runtime import ArmRuntime, ArmState
 from trocar.simulation.tip import SAFE_DEPTH_M, LocalTip
 

@@ -246,10 +246,7 @@ class ArmJoints:
         moves, clock = self._arm.control.moves, self._arm.journal
         if of not in SHARES:
             raise InputError(f"{self._source}: got ratio of {of!r}; allowed: {', '.join(SHARES)}")
-        if (
-            not isinstance(cast(object, ratio), (int, float, np.number))
-            or not 0.0 < ratio <= 1.0
-        ):
+        if not isinstance(cast(object, ratio), (int, float, np.number)) or not 0.0 < ratio <= 1.0:
             raise InputError(f"{self._source}: got ratio {ratio!r}; allowed: above 0, up to 1")
         before = self.trajectory_ratio
         if of != "acceleration":

@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 #: The library, which has no type stubs.
 _RUCKIG: Any = ruckig
 
+
 class Motion:
     """A move under way, or over.
 
@@ -69,7 +70,7 @@ class Profile:
         position, velocity = start
         most, rate = limits
         profile_input.current_position = position.tolist()
-        profile_input.current_velocity = np.clip(velocity, -most, most).tolist()
+        profile_input.current_velocity = velocity.tolist()
         profile_input.target_position = goal.tolist()
         profile_input.max_velocity = most.tolist()
         profile_input.max_acceleration = rate.tolist()

@@ -156,7 +156,7 @@ class Servos:
         self._state = np.zeros(mujoco.mj_stateSize(model, READ_STATE))
         self._read = np.zeros((0, 0))
         self._motors = MotorEffort(table, slice(None))
-        self._tolerance = np.zeros(0)
+        self._actuators = np.zeros((0, 0))
         self._read_revision = -1
         self._written: tuple[bytes, ...] = ()
 
@@ -185,7 +185,7 @@ class Servos:
             self._motors.renew(limits)
             sizes = self._model.nq, self._model.nv
             self._read = read_matrix(self.table, gains, sizes)
-            self._tolerance = np.where(self.servoed, self.table.tolerance, np.inf)
+            self._actuators = self.table.actuators * self.servoed
             self._read_revision = self.revision
         return self._read, self._motors.limits
 
@@ -227,19 +227,25 @@ class Servos:
         self._motors.limit(effort, qd)
         return found
 
-    def beyond(self) -> Array | None:
-        """Return the tracking errors beyond what joints are allowed.
+    def tracked(self) -> Array:
+        """Return the positions that tracking errors are of, (J,) [rad or m]."""
+        q = self.table.drive.dot(self._data.qpos)
+        if self.errors is not None:
+            q += self.errors.error
+        return q
 
-        0 for all others, (J,) [rad or m]; None if no joint is.
+    def beyond(self, q: Array) -> Array | None:
+        """Return the tracking errors of actuators beyond what is allowed.
+
+        0 for all others, (J,) [rad or m]; None if no actuator is.
+
+        Args:
+            q: as `tracked` returned it
         """
         if self._read_revision != self.revision:
             self.matrix()
-        error = self.table.drive.dot(self._data.qpos)
-        np.subtract(error, self._position, out=error)
-        if self.errors is not None:
-            error += self.errors.error
-        np.abs(error, out=error)
-        beyond = error > self._tolerance
+        error = np.abs(self._actuators.dot(q - self._position))
+        beyond = error > self.table.tolerance
         some = np.count_nonzero(beyond)  # any() takes 1 us
         return np.where(beyond, error, 0.0) if some else None
 

@@ -1,4 +1,4 @@
-"""Holding efforts and tracking errors of all arms, renewed every 20 ms."""
+"""Holding efforts of all arms, renewed every 20 ms."""
 
 from __future__ import annotations
 
@@ -6,14 +6,13 @@ from trocar.simulation.drives import Drivetrains
 from trocar.simulation.parts import Attached, Part, steps_in
 from trocar.simulation.tip_load import PERIOD_S as LOAD_PERIOD_S
 
-#: Gravity compensation is renewed this often, and tracking errors are looked at. Source: our own
-#: choice; at 0.6 rad/s a PSM's gravity torque changes by less than 0.02 N m in this time, which its
-#: servos answer with 0.2 mrad. [s]
+#: Gravity compensation is renewed this often. Source: our own choice; at 0.6 rad/s a PSM's gravity
+#: torque changes by less than 0.02 N m in this time, which its servos answer with 0.2 mrad. [s]
 GRAVITY_PERIOD_S = 0.02
 
 
 class Supervision(Part):
-    """Feeds forward what holds the arms, and switches off those that left their set-points.
+    """Feeds forward what holds the arms, and watches masters' grippers.
 
     Args:
         drivetrains: whose springs, cables and biases are held as well
@@ -30,23 +29,10 @@ class Supervision(Part):
         self._grippers = [a.gripper for a in physics.arms.values() if a.gripper is not None]
 
     def before_step(self) -> None:
-        """Renew the holding efforts, look at grippers and tracking errors."""
+        """Renew the holding efforts, look at grippers."""
         self.balance()
         for gripper in self._grippers:
             gripper.watch()
-        beyond = self._servos.beyond()
-        if beyond is None:
-            return
-        for arm in self._physics.arms.values():
-            motors = arm.runtime.motors
-            joints = [
-                f"{joint.name} ({beyond[k]:.3g} {unit}, allowed {joint.tracking_tolerance:g})"
-                for k, joint in enumerate(arm.description.joints, motors.index.rows.start)
-                if not motors.welded and beyond[k]
-                for unit in ("m" if joint.kind == "prismatic" else "rad",)
-            ]
-            if joints:
-                arm.runtime.states.fault(f"tracking error of {', '.join(joints)}")
 
     def balance(self, arm: str = "") -> None:
         """Feed forward what holds every motor's load, or only those of one arm, where they are."""

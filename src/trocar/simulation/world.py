@@ -61,6 +61,7 @@ from trocar.simulation.tip_load import TipLoad
 from trocar.simulation.tissue.drawings import TissueDrawings
 from trocar.simulation.tissue.tissues import SoftTissue
 from trocar.simulation.tool_exchange import carry, engaged, keep_settings, warn_of_clipped
+from trocar.simulation.tracking import Tracking
 
 Array = NDArray[np.float64]
 P = TypeVar("P", bound=Part)
@@ -238,6 +239,7 @@ class World:
             "scripts": self._scripts,
             "tip load": load,
             "supervision": self._supervision,
+            "tracking": Tracking(),
             "drives": drivetrains,
             **({} if self._errors is None else {"errors": self._errors}),
             "objects": self._objects,

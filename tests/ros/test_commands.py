@@ -48,8 +48,7 @@ def test_enable_home_and_move_in_one_burst_are_all_obeyed_in_order():
     assert served.messages("PSM1/warning") == []
     assert transitions(served) == [
         ("ENABLED", False, False),
-        ("ENABLED", False, True),
-        ("ENABLED", True, True),  # home, and the move that waited keeps it busy
+        ("ENABLED", True, True),  # on the way home, and the move that waited keeps it busy
         ("ENABLED", True, False),
     ]
 
@@ -61,6 +60,7 @@ def test_what_waits_for_the_homing_keeps_its_order():
     served.world.listen(lambda e: done.append(e.name) if e.kind == "command" else None)
     slow = {"data": 0.5}
     for name, message in (
+        ("state_command", state("enable")),
         ("state_command", state("home")),
         ("trajectory_j/set_ratio", slow),
         ("move_jp", joints(*NEAR)),
@@ -70,7 +70,7 @@ def test_what_waits_for_the_homing_keeps_its_order():
     ):
         assert served.core.receive(f"PSM1/{name}", message)
     served.run(8.0)
-    assert done == ["home", "set_trajectory_ratio", "move_jp", "hold", "home", "move_jp"]
+    assert done == ["enable", "home", "set_trajectory_ratio", "move_jp", "hold", "home", "move_jp"]
     assert arm.operating_state().ready
 
 
@@ -105,6 +105,7 @@ def test_a_home_that_changes_nothing_is_never_busy_so_that_no_client_takes_it_fo
 def test_disable_and_pause_do_not_wait(stop):
     served = off()
     for name, message in (
+        ("state_command", state("enable")),
         ("state_command", state("home")),
         ("move_jp", joints(*NEAR)),
     ):
@@ -117,11 +118,12 @@ def test_disable_and_pause_do_not_wait(stop):
     np.testing.assert_array_equal(setpoints(served), where)
     assert len(served.messages("PSM1/warning")) == 1  # of the move that came to nothing
     last = served.last("PSM1/operating_state")
-    assert (last["is_homed"], last["is_busy"]) == (False, False)
+    assert (last["is_homed"], last["is_busy"]) == (True, False)
 
 
 def test_at_most_64_commands_wait_for_an_arm_and_the_rest_is_told():
     served = off()
+    served.core.receive("PSM1/state_command", state("enable"))
     served.core.receive("PSM1/state_command", state("home"))
     for _ in range(4):
         for _ in range(50):
@@ -205,6 +207,7 @@ def test_a_move_that_begins_and_ends_between_two_samples_is_told_too():
 
 def test_a_reset_drops_what_waits():
     served = off()
+    served.core.receive("PSM1/state_command", state("enable"))
     served.core.receive("PSM1/state_command", state("home"))
     served.core.receive("PSM1/move_jp", joints(*NEAR))
     served.run(0.2)

@@ -135,7 +135,7 @@ def test_setup_joints_move_as_in_the_dvrks_simulation_and_hold_again():
     served.core.receive("SUJ/PSM1/move_jp", joints(*(goal + 0.05)))
     served.run(0.05)
     assert all(arm.brakes.values())
-    assert "enable it first" in served.last("SUJ/PSM1/warning")["data"]
+    assert "enable and home it first" in served.last("SUJ/PSM1/warning")["data"]
 
 
 def test_a_masters_orientation_is_locked_by_a_quaternion():

@@ -83,7 +83,7 @@ def test_states_that_change_are_told_with_what_was_asked_for() -> None:
         served.run(0.01)
     assert [m["state"] for m in served.messages(AT_START)[before:]] == ["DISABLED", "ENABLED"]
     desired = [m["data"] for m in served.messages("PSM1/desired_state")]
-    assert desired == ["ENABLED", "DISABLED", "ENABLED"]  # the first: how it began
+    assert desired == ["HOMED", "DISABLED", "ENABLED"]  # the first: how it began
 
 
 def test_a_refused_command_is_a_warning_on_its_arms_topic() -> None:

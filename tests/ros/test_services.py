@@ -78,6 +78,7 @@ def test_the_operating_state_has_a_stamp(served):
 def test_an_arm_that_commands_wait_for_is_busy():
     served = Served(wanted=(), world={"homed": False})
     served.world.set_state("PSM1", np.array([0.4, *Q[1:], 0.0]))
+    served.core.receive("PSM1/state_command", state("enable"))
     served.core.receive("PSM1/state_command", state("home"))
     served.core.receive("PSM1/move_jp", joints(*HOME))
     served.run(0.1)

@@ -89,7 +89,7 @@ VERBS = [
     ("jaw/move_jp", joints(0.2), "jaw.move_jp", {"q": [0.2]}),
     ("jaw/servo_jf", joints(effort=[0.01]), "jaw.servo_jf", {"effort": [0.01]}),
     *(
-        ("state_command", state(name), name, {"anew": False} if name == "home" else {})
+        ("state_command", state(name), name, {})
         for name in ("enable", "disable", "home", "unhome", "pause", "resume")
     ),
 ]

@@ -261,7 +261,13 @@ class Moves:
         start = self._position[part].copy(), self._velocity[part].copy()
         most, rate = self._limits
         limits = self.velocity_ratio * most[part], self.acceleration_ratio * rate[part]
-        return Profile(start, target[part], limits, time)
+        try:
+            return Profile(start, target[part], limits, time)
+        except InputError as problem:
+            raise InputError(
+                f"no trajectory at ratios {self.velocity_ratio:g} of velocities and"
+                f" {self.acceleration_ratio:g} of accelerations; allowed: one of at most 7600 s"
+            ) from problem
 
     def _end_drift(self, part: slice) -> None:
         drift = self.drift

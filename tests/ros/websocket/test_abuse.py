@@ -127,16 +127,19 @@ def yaw(served: Served) -> float:
 
 
 @pytest.mark.parametrize("ratio", [5e-324, 1e-300, 1e-13, 1e-6])
-def test_a_trajectory_ratio_too_small_for_any_move_is_refused_and_the_simulator_goes_on(
+def test_a_move_at_a_ratio_too_small_for_any_is_refused_and_the_simulator_goes_on(
     served: Served, meet: Callable[..., Talk], ratio: float
 ) -> None:
     served.core.forget_refusals()
     talk = meet()
     talk.send(op="subscribe", topic="/PSM1/warning")
     talk.wait_for_server()
-    for topic in ("set_ratio", "set_ratio_v", "set_ratio_a"):
+    for topic in ("set_ratio_v", "set_ratio"):
         talk.send(op="publish", topic=f"/PSM1/trajectory_j/{topic}", msg={"data": ratio})
-    assert "allowed: 0.002 to 1" in talk.hear_on("/PSM1/warning")["data"]
+        talk.send(op="publish", topic="/PSM1/move_jp", msg={"position": [0.1, *HOME[1:]]})
+        assert "no trajectory" in talk.hear_on("/PSM1/warning")["data"]
+        back = {"data": 1.0}
+        talk.send(op="publish", topic="/PSM1/trajectory_j/set_ratio", msg=back)
     for goal in (0.1, 0.0):
         message = {"position": [goal, *HOME[1:]]}
         talk.send(op="publish", topic="/PSM1/move_jp", msg=message)

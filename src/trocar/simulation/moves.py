@@ -154,7 +154,7 @@ class Moves:
         motions: handles of the moves that it makes, with the joints of each
         target: goal of the last trajectory, (n,) [rad or m]
         tracking: whether a trajectory was the last command that set positions
-        silent: whether nobody is told how the trajectory under way ends
+        silent: whether the end of the trajectory under way makes no event
         drift: joints that go on at constant velocities, if any do
     """
 
@@ -197,7 +197,7 @@ class Moves:
             goal: of the joints of `part`, (n,) [rad or m]
             part: which joints
             time: of the beginning [s]
-            silent: whether nobody is told how it ends, as of a homing
+            silent: whether its end makes no event, as that of a homing
 
         Raises:
             InputError: no trajectory leads there; nothing changes

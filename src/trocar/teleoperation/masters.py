@@ -131,20 +131,22 @@ class Master:
 
 def arm_objection(arm: Arm) -> str:
     """Return the reason that an arm cannot be used, "" when it can."""
-    state = arm.operating_state()
-    if state.state != "ENABLED":
-        return f'{arm.name} is not in state "ENABLED" but "{state.state}"'
-    return "" if state.is_homed else f"{arm.name} is not homed"
+    now = arm.operating_state()
+    if now.state != "ENABLED":
+        return f'{arm.name} is not in state "ENABLED" but "{now.state}"'
+    return "" if now.ready else f"{arm.name} is not homed"
 
 
 def prepare_arm(arm: Arm) -> None:
     """Enable and home an arm where it needs that; homing takes a while."""
-    state = arm.operating_state()
-    if state.state == "PAUSED":
+    now = arm.operating_state()
+    if now.state == "PAUSED":
         arm.state_command("resume")
-    elif state.state != "ENABLED":
+    elif now.state == "FAULT" or (now.phase == "HOMED" and not now.is_homed):
+        arm.disable()
+    if arm.operating_state().state == "DISABLED":
         arm.enable()
-    if not state.is_homed and not state.is_busy:
+    if arm.operating_state().phase == "ENABLED":
         arm.home()
 
 

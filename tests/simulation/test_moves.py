@@ -231,6 +231,23 @@ def test_a_move_of_the_arm_takes_a_jaw_to_the_goal_of_its_last_move(caplog):
     assert "the jaw moves from 0.600 to 0.400 rad" in caplog.text
 
 
+def test_a_relative_move_of_the_arm_adds_the_jaws_last_goal_to_where_it_is():
+    """As the robot's software: its jaw went from 0.5 to 0.9, and from there to its limit."""
+    world = World("psm")
+    arm = world.arm("PSM1")
+    assert arm.jaw is not None
+    assert arm.jaw.move_jp([0.4]).wait(5.0)
+    assert arm.jaw.servo_jp([0.5])
+    for expected in (0.9, arm.joints.upper[-1]):
+        assert arm.move_jr([0.1, 0, 0, 0, 0, 0]).wait(5.0)
+        assert arm.jaw.setpoint_js().position == pytest.approx(expected)
+    again = arm.move_jr([0.1, 0, 0, 0, 0, 0])
+    world.step(50)
+    assert arm.move_jr([0.1, 0, 0, 0, 0, 0]).wait(5.0)  # one under way: the jaw's goal stays
+    assert again.done
+    assert arm.setpoint_js().position[0] == pytest.approx(0.4)
+
+
 def test_a_ratio_slows_the_move_under_way_down():
     world = World("psm")
     arm = world.arm("PSM1")

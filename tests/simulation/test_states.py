@@ -439,10 +439,17 @@ def test_a_reset_returns_to_the_states_that_the_world_began_in():
     assert state(off.arm("PSM1")) == ("DISABLED", False, False)
 
 
-def test_setup_joints_are_home_where_they_are():
+def test_setup_joints_are_home_where_they_are_enabled_and_never_pause():
+    """As recorded from the dVRK's own software."""
     world = World("suj_two_psm_ecm", homed=False)
     arm = world.arm("SUJ_PSM1")
     before = arm.measured_js().position
-    assert arm.enable() and arm.home().wait(1.0)
+    assert arm.enable()
+    assert state(arm) == ("ENABLED", True, False)
+    assert arm.state_command("pause")
+    assert not arm.state_command("resume")
+    assert state(arm) == ("ENABLED", True, False)
+    arm.state_command("unhome")
+    assert arm.home().wait(1.0)
     np.testing.assert_allclose(arm.measured_js().position, before, atol=1e-9)
     assert state(arm) == ("ENABLED", True, False)

@@ -389,7 +389,13 @@ class JointControl:
         if change is None:
             return self.rejected(part)
         goal = self.setpoints(part) if self.switched else self.moves.goal(part)
-        return self.move(goal + change, part, verb)
+        jaw = self.moves.joints.stop - 1
+        before = self.moves.target[jaw]
+        self._add_jaw(part)
+        motion = self.move(goal + change, part, verb)
+        if motion.reason:
+            self.moves.target[jaw] = before
+        return motion
 
     def rejected(self, part: slice) -> Motion:
         """Return a motion that is over and reached nothing, for the last reason."""
@@ -485,17 +491,28 @@ class JointControl:
     def _over(self, reached: bool) -> None:
         self.report("goal_reached", reached=reached)
 
+    def _add_jaw(self, part: slice) -> None:
+        """Add the jaw's set-point to the goal of its last move, as the robot does in move_jr.
+
+        Source: SAW, mtsIntuitiveResearchKitArm.cpp:2157: to the goal of the last trajectory, whose
+        first joints are those of the command, it adds the set-points of all.
+        """
+        moves, jaw = self.moves, self.moves.joints.stop - 1
+        if moves.profile is None and part.stop == jaw:
+            goal = moves.target[jaw] + self.motors.position[jaw]
+            moves.target[jaw] = np.clip(goal, self.lower[jaw], self.upper[jaw])
+
     def _warn_of_jaw(self, part: slice, verb: str) -> None:
         """Warn of a jaw that a move of the arm takes along."""
         moves, jaw = self.moves, self.moves.joints.stop - 1
-        if moves.tracking or part.stop > jaw:
+        if moves.profile is not None or part.stop != jaw:
             return
         goal, now = moves.target[jaw], self.motors.position[jaw]
         if abs(goal - now) > 1e-3:
             self.rejections.warn(
                 f"{verb} jaw",
-                f"{verb}: the jaw moves from {now:.3f} to {goal:.3f} rad, the goal of its last"
-                " move, as on the robot; command it by moves, too",
+                f"{verb}: the jaw moves from {now:.3f} to {goal:.3f} rad, as on the robot; move_jp"
+                " takes it to the goal of its last move, move_jr adds that to where it is",
             )
 
     def _take_position(self, part: slice) -> None:

@@ -130,16 +130,15 @@ class States:
         phase = self.state if self.phase in ("ENABLED", self.state) else self.phase
         return f"not supported in state {self.state} ({phase}); allowed: {', '.join(accepted)}"
 
-    def enter(self, phase: Phase) -> None:
-        """Go to a phase, and publish what it makes of `homed`.
+    def enter(self, phase: Phase, known: bool = False) -> None:
+        """Go to a phase, and publish what it makes of `homed`; positions may be known from then on.
 
         The robot computes it from its power as it is before the phase is entered: an arm that is
         disabled stays homed until it is disabled again or enabled.
         """
         off = self.phase == "DISABLED"
         self.phase = phase
-        if phase == "HOMING":
-            self.known = True
+        self.known |= known
         self.homed = self.known and not off
 
 

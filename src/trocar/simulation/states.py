@@ -81,6 +81,8 @@ class ArmStateMachine:
             self._control.motors.switch(True)
             self._control.motors.follow()
             self._states.enter("ENABLED")
+            if self._of_setup_joints:
+                self._states.enter("HOMED", known=True)
         self._report_desired("ENABLED")
         if self._states.phase == "FAULT":
             self._control.rejections.warn(
@@ -102,6 +104,8 @@ class ArmStateMachine:
         if not self._may("pause"):
             return False
         states = self._states
+        if self._of_setup_joints:
+            return True
         if states.phase != "PAUSED":  # the robot forgets what it paused when it is paused twice
             states.resumes = states.phase, states.desired
             self.stop()
@@ -133,6 +137,10 @@ class ArmStateMachine:
         control, states = self._control, self._states
         if not self._may("home"):
             return control.rejected(self._own)
+        if self._of_setup_joints:
+            states.enter("HOMED", known=True)
+            self.report()
+            return self._over(control.motors.position[self._own])
         if states.phase == "HOMED" and not states.known:
             control.rejections.warn(
                 "home unhomed",
@@ -148,8 +156,13 @@ class ArmStateMachine:
 
     @command
     def unhome(self) -> bool:
-        """Forget that the arm was homed; a move under way goes on, and none is accepted after."""
+        """Forget that the arm was homed; a move under way goes on, and none is accepted after.
+
+        On its way home an arm is in FAULT then, as the robot.
+        """
         self._states.known = self._states.homed = False
+        if self._states.phase == "HOMING":
+            self.fault("unhomed on its way home")
         self.report()
         return True
 
@@ -243,13 +256,21 @@ class ArmStateMachine:
 
     # ------------------------------------------------------------------ inside
 
+    @property
+    def _of_setup_joints(self) -> bool:
+        """Whether they are setup joints: homed where they are, and without a pause.
+
+        Source: SAW, mtsIntuitiveResearchKitSUJ.cpp:1201.
+        """
+        return self._control.motors.arm.type == "SUJ"
+
     def _go_home(self) -> Motion:
         """Begin a homing; return its handle."""
         control, motors = self._control, self._control.motors
         own = motors.position[self._own]
         self.stop()
-        self._states.enter("HOMING")
-        moves = "home" in self._poses and not motors.welded and not motors.brakes
+        self._states.enter("HOMING", known=True)
+        moves = "home" in self._poses and not motors.welded
         if moves:
             part = control.moves.joints
             goal = self._poses["home"][part]

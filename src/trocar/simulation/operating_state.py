@@ -14,7 +14,7 @@ from trocar.simulation.moves import Motion
 Array = NDArray[np.float64]
 
 State = Literal["DISABLED", "ENABLED", "PAUSED", "FAULT"]
-#: What an arm does within its state: ENABLED until it is homed, HOMING, then HOMED.
+#: Phases of an arm within its state: ENABLED until it is homed, HOMING, then HOMED.
 Phase = Literal["DISABLED", "ENABLED", "HOMING", "HOMED", "PAUSED", "FAULT"]
 Desired = Literal["DISABLED", "ENABLED", "HOMED", "PAUSED", "FAULT"]
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
-from math import asin, atan2, copysign, cos, floor, pi, remainder, sqrt
+from math import asin, atan2, copysign, cos, floor, log, log1p, pi, remainder, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,14 +50,14 @@ SCOPE_TOLERANCE = 1e-5
 # The closed form's solution this near to where an arm is [rad, m] is the one that the damped steps
 # end on, with the wrist pitch [rad] below this. Source: measured, none of 600 random ones differs.
 NEAR, NEAR_M, WRIST_PITCH_MOST = 0.25, 0.03, 1.4
-# Damped steps do not end within `MOST_STEPS` where the Jacobian's smallest singular value s is
-# below this: each leaves DAMPING / (DAMPING + s^2) of the miss, which the robot's rounded DH table
-# never lets be 0. The wrist is then this near to the remote centre [m].
-# Source: measured, with poses turned by as much as that table is rounded.
-SINGULAR, WRIST_AT_CENTRE = 0.0045, 0.0045
+# A damped step leaves DAMPING / (DAMPING + s^2) of a miss, s the Jacobian's smallest singular
+# value. The robot's DH table, rounded to 1e-4 deg, makes a miss at least this [m or rad].
+LEAST_MISS = 4e-6
+# A wrist nearer to the remote centre takes damped steps, which may not end there [m].
+WRIST_AT_CENTRE = 0.01
 # A half turn about the tool is as near as this, as a fraction of a turn. Source: our choice: the
 # robot's DH table is rounded by as much, and an arm at its limit is measured so near to it.
-HALF_TURN = 1e-5
+HALF_TURN = 3e-4
 # A miss [m or rad] from which Newton's method needs no damping.
 CLOSE = 1e-4
 # Bounds of the closed form that stand for none [rad, m].
@@ -160,7 +160,7 @@ def _nearby(mechanism: Mechanism, structure: str, T: Array, start: Array) -> Arr
     nearest = chain.nearest(ends.before.dot(T).dot(ends.after), limits, start.tolist())
     if nearest is None or abs(nearest[WRIST_PITCH]) > WRIST_PITCH_MOST:
         return None
-    if abs(nearest[INSERTION] + chain.depth) < 2.0 * WRIST_AT_CENTRE:
+    if abs(nearest[INSERTION] + chain.depth) < WRIST_AT_CENTRE:
         return None
     for k, (a, b) in enumerate(zip(nearest, start.tolist(), strict=True)):
         if abs(a - b) > (NEAR_M if k == INSERTION else NEAR):
@@ -177,14 +177,17 @@ def _converged(mechanism: Mechanism, T: Array, start: Array) -> tuple[Array, boo
     chain = screw_chain(mechanism, len(start))
     q, at, axes, damping = start.copy(), T[:3, 3], T[:3, :3], DAMPING * np.eye(6)
     miss = np.empty(6)
-    for _ in range(MOST_STEPS):
+    for done in range(MOST_STEPS):
         tip, J = chain.at(q)
         (r00, r01, r02), (r10, r11, r12), (r20, r21, r22) = axes.dot(tip[:3, :3].T).tolist()
         np.subtract(at, tip[:3, 3], out=miss[:3])
         miss[3:] = 0.5 * (r21 - r12), 0.5 * (r02 - r20), 0.5 * (r10 - r01)
         square = J.dot(J.T)
-        if max(map(abs, miss.tolist())) < CLOSE and r00 + r11 + r22 > 1.0:
-            if np.linalg.eigvalsh(square)[0] < SINGULAR**2:
+        far = max(map(abs, miss.tolist()))
+        if far < CLOSE and r00 + r11 + r22 > 1.0:
+            least = max(float(np.linalg.eigvalsh(square)[0]), 1e-12)
+            more = log(max(far, LEAST_MISS) / SMALLEST_STEP) / log1p(least / DAMPING)
+            if done + more > MOST_STEPS:
                 break
             _finish(chain, q, T)
             return _within_half_a_turn(mechanism, q), True
@@ -206,7 +209,8 @@ def _finish(chain: ScrewChain, q: Array, T: Array) -> None:
         turn = 0.5 * np.array([w[2, 1] - w[1, 2], w[0, 2] - w[2, 0], w[1, 0] - w[0, 1]])
         twist = np.empty(6)
         twist[:3], twist[3:] = v + np.cross(tip[:3, 3], turn), turn
-        change: Array = np.matmul(J.T, np.linalg.solve(J.dot(J.T), twist))
+        square: Array = np.matmul(J, J.T)
+        change: Array = np.matmul(J.T, np.linalg.solve(square, twist))
         return change
 
     newton(q, step, NEWTON_STEPS)

@@ -292,7 +292,7 @@ class Tip:
             control.rejections.reject(verb, "pose", str(problem))
             return None
         try:
-            q, exact = self._robot_solution(local, control.motors.positions()[self.own])
+            q, exact = self._robot_solution(local, control.setpoints(self.own))
         except UnreachableError as problem:
             control.rejections.reject(verb, "pose", str(problem), "error")
             return None

@@ -60,8 +60,6 @@ WRIST_AT_CENTRE = 0.01
 HALF_TURN = 3e-4
 # A miss [m or rad] from which Newton's method needs no damping.
 CLOSE = 1e-4
-# Bounds of the closed form that stand for none [rad, m].
-TURNS, SLIDE = (-50.0, 50.0), (-5.0, 5.0)
 
 INSERTION, ROLL, WRIST_PITCH, WRIST_ROLL = 2, 3, 4, 6
 
@@ -156,15 +154,14 @@ def _nearby(mechanism: Mechanism, structure: str, T: Array, start: Array) -> Arr
     chain, ends = fit_chain(mechanism, structure).chain, chain_ends(mechanism, structure)
     if chain.nearest is None:
         return None
-    limits = (TURNS, TURNS, SLIDE, TURNS, TURNS, TURNS)
-    nearest = chain.nearest(ends.before.dot(T).dot(ends.after), limits, start.tolist())
-    if nearest is None or abs(nearest[WRIST_PITCH]) > WRIST_PITCH_MOST:
+    seed: list[float] = start.tolist()
+    limits = [(a - NEAR, a + NEAR) for a in seed]
+    limits[INSERTION] = seed[INSERTION] - NEAR_M, seed[INSERTION] + NEAR_M
+    low, high = limits[WRIST_PITCH]
+    limits[WRIST_PITCH] = max(low, -WRIST_PITCH_MOST), min(high, WRIST_PITCH_MOST)
+    nearest = chain.nearest(ends.before.dot(T).dot(ends.after), limits, seed)
+    if nearest is None or abs(nearest[INSERTION] + chain.depth) < WRIST_AT_CENTRE:
         return None
-    if abs(nearest[INSERTION] + chain.depth) < WRIST_AT_CENTRE:
-        return None
-    for k, (a, b) in enumerate(zip(nearest, start.tolist(), strict=True)):
-        if abs(a - b) > (NEAR_M if k == INSERTION else NEAR):
-            return None
     return np.array(nearest)
 
 

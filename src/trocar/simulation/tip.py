@@ -296,8 +296,8 @@ class Tip:
         except UnreachableError as problem:
             control.rejections.reject(verb, "pose", str(problem), "error")
             return None
-        inside = np.clip(q, control.lower[self.own], control.upper[self.own])
-        if exact and (inside == q).all():
+        inside = np.minimum(np.maximum(q, control.lower[self.own]), control.upper[self.own])
+        if exact and inside.tolist() == q.tolist():
             return inside
         missed = self._missed(local, q, inside)
         if not missed:

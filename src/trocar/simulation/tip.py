@@ -319,7 +319,7 @@ class Tip:
             return ""
         names = self._control.joint_names[self.own]
         beyond = [n for n, a, b in zip(names, q.tolist(), inside.tolist(), strict=True) if a != b]
-        why = f"; {', '.join(beyond)} clipped to the limit" if beyond else ""
+        why = f"; {', '.join(beyond)} beyond the limit" if beyond else ""
         return f"the goal is missed by {1e3 * metres:.2f} mm and {degrees(radians):.2f} deg{why}"
 
     def deep_enough(self, verb: str) -> bool:

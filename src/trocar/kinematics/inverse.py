@@ -196,7 +196,7 @@ class ChainEnds:
 
 @lru_cache(maxsize=64)
 def chain_ends(mechanism: Mechanism, structure: str) -> ChainEnds:
-    """Return what stands before and behind the chain of a mechanism, computed once."""
+    """Invert the poses before and behind a chain and collect its limits, once for a mechanism."""
     fit = fit_chain(mechanism, structure)
     joints = _range(mechanism, fit.count)
     slack = _slack(fit, joints)

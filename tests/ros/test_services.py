@@ -38,9 +38,13 @@ def test_the_length_of_the_vector_picks_the_link(served, count):
     np.testing.assert_allclose(pose(answer, "cp"), wanted, atol=1e-12)
 
 
-def test_inverse_kinematics_gives_the_joints_back(served):
-    there = served.core.call("PSM1/forward_kinematics", {"jp": Q})["cp"]
-    for seed in (Q, HOME, []):
+def test_inverse_kinematics_in_the_arms_own_frame_gives_the_joints_back(served):
+    """Forward kinematics is in the frame of measured_cp.
+
+    Source: mtsIntuitiveResearchKitArm.cpp:2337, :2353, 9e535e6.
+    """
+    there = served.core.call("PSM1/local/forward_kinematics", {"jp": Q})["cp"]
+    for seed in (Q, HOME):
         answer = served.core.call("PSM1/inverse_kinematics", {"cp": there, "jp": seed})
         assert answer["result"]
         np.testing.assert_allclose(answer["jp"], Q, atol=1e-9)
@@ -55,11 +59,11 @@ def test_inverse_kinematics_gives_the_joints_back(served):
         ("local/forward_kinematics", {"jp": "abc"}),
         (
             "inverse_kinematics",
-            {"cp": {"position": xyz(9.0, 0.0, 0.0), "orientation": quaternion()}, "jp": []},
+            {"cp": {"position": xyz(0.0, 0.0, 0.0005), "orientation": quaternion()}, "jp": HOME},
         ),
         (
             "inverse_kinematics",
-            {"cp": {"position": xyz(0.0, 0.0, 0.0), "orientation": quaternion(w=0.0)}, "jp": []},
+            {"cp": {"position": xyz(0.0, 0.0, 0.0), "orientation": quaternion(w=0.0)}, "jp": HOME},
         ),
     ],
 )
@@ -67,6 +71,15 @@ def test_what_has_no_answer_says_why(served, service, request_):
     answer = served.core.call(f"PSM1/{service}", request_)
     assert not answer["result"]
     assert answer["message"]
+
+
+@pytest.mark.parametrize("count", [0, 5, 7])
+def test_inverse_kinematics_needs_as_many_joints_as_the_arm_has(served, count):
+    """Source: mtsIntuitiveResearchKitArm.cpp:2330-2333, 9e535e6."""
+    there = served.core.call("PSM1/local/forward_kinematics", {"jp": Q})["cp"]
+    answer = served.core.call("PSM1/inverse_kinematics", {"cp": there, "jp": [0.1] * count})
+    assert not answer["result"]
+    assert answer["message"] == "incorrect number of joints"
 
 
 def test_the_operating_state_has_a_stamp(served):

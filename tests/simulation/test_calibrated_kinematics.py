@@ -75,12 +75,12 @@ def test_the_inverse_of_a_skew_arm_is_the_solution_nearest_to_the_seed(skew_over
     arm = world.arm("PSM1")
     for q in inner_positions(world, rng, 20):
         q[3] = rng.uniform(-np.pi, np.pi)
-        T = arm.forward_kinematics(q).matrix
+        T = arm.local.forward_kinematics(q).matrix
         for turn in (-2.0 * np.pi, 0.0, 2.0 * np.pi):
             seed = q.copy()
             seed[3] += turn
             expected = seed if arm.joints.lower[3] <= seed[3] <= arm.joints.upper[3] else q
-            assert arm.inverse_kinematics(T, seed) == pytest.approx(expected, abs=1e-8)
+            assert arm.local.inverse_kinematics(T, seed) == pytest.approx(expected, abs=1e-8)
 
 
 @pytest.mark.parametrize("side", ["lower", "upper"])
@@ -96,7 +96,7 @@ def reaches_its_limit(arm: Arm, joint: int, side: str) -> None:
     q[joint] = limit
     if joint == 2 and side == "lower":
         q[joint] = limit + 0.05  # the wrist would be at the remote centre
-    found = arm.inverse_kinematics(arm.forward_kinematics(q).matrix, q)
+    found = arm.local.inverse_kinematics(arm.local.forward_kinematics(q).matrix, q)
     assert found == pytest.approx(q, abs=1e-8)
     assert (found >= arm.joints.lower[:6]).all()
     assert (found <= arm.joints.upper[:6]).all()
@@ -105,11 +105,11 @@ def reaches_its_limit(arm: Arm, joint: int, side: str) -> None:
     beyond = 1e-4 if side == "upper" else -1e-4
     q[joint] += beyond
     if arm.joints.names[joint] == "roll":  # more than a turn: it comes back by one
-        found = arm.inverse_kinematics(arm.forward_kinematics(q).matrix, q)
+        found = arm.local.inverse_kinematics(arm.local.forward_kinematics(q).matrix, q)
         assert found[joint] == pytest.approx(q[joint] - np.copysign(2.0 * np.pi, beyond), abs=1e-8)
         return
     with pytest.raises(UnreachableError, match=arm.joints.names[joint]):
-        arm.inverse_kinematics(arm.forward_kinematics(q).matrix, q)
+        arm.local.inverse_kinematics(arm.local.forward_kinematics(q).matrix, q)
 
 
 def test_poses_and_jacobians_of_a_skew_arm_in_motion_are_those_of_its_joints(skew_overlay):
@@ -169,13 +169,13 @@ def test_a_skew_scope_takes_the_poses_it_can_and_no_other(seed, skew_overlay, rn
     lower, upper = scope.joints.lower.copy(), scope.joints.upper
     lower[2] = 0.05
     for q in lower + rng.uniform(size=(20, 4)) * (upper - lower):
-        T = scope.forward_kinematics(q).matrix
+        T = scope.local.forward_kinematics(q).matrix
         near = np.clip(q + 0.02 * rng.standard_normal(4), scope.joints.lower, upper)
-        assert scope.inverse_kinematics(T, near) == pytest.approx(q, abs=1e-8)
+        assert scope.local.inverse_kinematics(T, near) == pytest.approx(q, abs=1e-8)
         T = T.copy()
         T[:3, :3] = T[:3, :3] @ matrix_from_rotation_vector([1e-4, 0.0, 0.0])
         with pytest.raises(UnreachableError, match="misses"):
-            scope.inverse_kinematics(T, near)
+            scope.local.inverse_kinematics(T, near)
 
 
 @pytest.mark.parametrize("calibrated", [False, True])

@@ -446,12 +446,12 @@ def test_scenes_begin_at_rest_with_nothing_done(name: str) -> None:
 def test_both_instruments_of_the_training_rig_reach_the_whole_board() -> None:
     world = World(load_rig("training"))
     for name in ("PSM1", "PSM2"):
-        public = world.base_pose(name)[0] @ inverse(world.reference_pose(name))
+        arm, own = world.arms[name], inverse(world.reference_pose(name))
         for x in np.linspace(-0.06, 0.06, 5):
             for y in np.linspace(-0.05, 0.05, 5):
                 for z in (0.01, 0.045):
                     at = transform(np.diag([1.0, -1.0, -1.0]), [x, y, z])
-                    world.arms[name].inverse_kinematics(public @ at)
+                    arm.local.inverse_kinematics(own @ at, arm.setpoint_jp())
 
 
 def test_the_pose_training_of_the_cart_does_the_same_on_its_table() -> None:

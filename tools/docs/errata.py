@@ -14,7 +14,15 @@ TEXT = """\
 Of Tables 1 to 5 of the closed-loop paper, and of the dVRK's files from which arms are described.
 [The mechanism](mechanism.md) names the paper and the sources of the corrections.
 
-<!-- Written by make docs. -->"""
+<!-- Written by make docs. -->
+
+## The dVRK's software
+
+The services `forward_kinematics` and `inverse_kinematics` of an arm are in different frames:
+forward in that of `measured_cp`, inverse in the arm's own base frame
+(mtsIntuitiveResearchKitArm.cpp:2327-2353, sawIntuitiveResearchKit 9e535e6). With a base frame, such
+as a PSM's in the ECM's, one does not undo the other; `local/forward_kinematics` does. trocar's are
+the same."""
 
 
 def page() -> str:

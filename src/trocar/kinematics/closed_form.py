@@ -63,12 +63,14 @@ class Chain:
         solve: from T_0_last to joint positions
         nearest: the same for the solution nearest to a seed alone, quickly; None where there is no
             quicker way
+        depth: of an instrument's wrist, a scope's tip, past the remote centre at insertion 0 [m]
     """
 
     base: Array
     forward: Callable[[Array], Array]
     solve: Solver
     nearest: Nearest | None = None
+    depth: float = 0.0
 
 
 def rcm_arm(axes: JointAxes) -> Chain:
@@ -84,7 +86,7 @@ def rcm_arm(axes: JointAxes) -> Chain:
         return _shaft(q, wrist) @ wrist_pitch @ wrist_yaw
 
     solvers = partial(inverse_rcm_arm, geometry), partial(nearest_rcm_arm, geometry)
-    return Chain(base, forward, *solvers)
+    return Chain(base, forward, *solvers, wrist)
 
 
 def rcm_scope(axes: JointAxes) -> Chain:
@@ -94,7 +96,7 @@ def rcm_scope(axes: JointAxes) -> Chain:
     geometry = RcmScopeGeometry(0.0, length)
 
     solvers = partial(inverse_rcm_scope, geometry), partial(nearest_rcm_scope, geometry)
-    return Chain(base, lambda q: _shaft(q, length), *solvers)
+    return Chain(base, lambda q: _shaft(q, length), *solvers, length)
 
 
 def gimbal_arm(axes: JointAxes) -> Chain:
@@ -195,7 +197,7 @@ def fit_chain(mechanism: Mechanism, structure: str) -> Fit:
         InputError: no such structure, or the mechanism has other joints or is built otherwise
     """
     build, kinds = _structure(mechanism, structure)
-    chain = build(_joint_axes(mechanism, len(kinds)))
+    chain = build(joint_axes(mechanism, len(kinds)))
     rest = np.zeros(len(mechanism.joints))
     tip = inverse(chain.base @ chain.forward(rest)) @ pose(mechanism, rest)
     # Multiples of square roots of primes: every joint is all over its range, none with another.
@@ -230,7 +232,7 @@ def _structure(mechanism: Mechanism, name: str) -> tuple[Callable[[JointAxes], C
     return build, kinds
 
 
-def _joint_axes(mechanism: Mechanism, count: int) -> JointAxes:
+def joint_axes(mechanism: Mechanism, count: int) -> JointAxes:
     """Return the axes of the first joints at q = 0, from the tip's twists as each of them moves."""
     rest = np.zeros(len(mechanism.joints))
     twists = jacobian_spatial(mechanism, rest)[:, :count].T

@@ -130,10 +130,10 @@ def inverse_kinematics(
         starts = solve(in_chain, joints.lower - slack, joints.upper + slack, start)
     except UnreachableError:  # not even then: say so with the limits as they are
         starts = solve(in_chain, joints.lower, joints.upper, start)
-    polished = _polished(_Problem(mechanism, pose, moving), starts, tolerance)
-    solutions = inside(polished, joints)
+    solved = polished(mechanism, pose, starts, moving, tolerance)
+    solutions = inside(solved, joints)
     if len(solutions) == 0:
-        raise out_of_limits(polished, joints)
+        raise out_of_limits(solved, joints)
     return nearest_first(solutions, joints, start)
 
 
@@ -153,7 +153,7 @@ def nearest_solution(
     """
     fit = fit_chain(mechanism, structure)
     if fit.chain.nearest is not None and fit.deviation <= EXACT:
-        ends = _ends(mechanism, structure)
+        ends = chain_ends(mechanism, structure)
         in_chain = ends.before.dot(T).dot(ends.after)
         found = fit.chain.nearest(in_chain, ends.limits, seed.tolist())
         if found is not None:
@@ -173,7 +173,7 @@ def nearest_start(mechanism: Mechanism, structure: str, T: Array, seed: Array) -
     fit = fit_chain(mechanism, structure)
     if fit.chain.nearest is None or fit.deviation <= EXACT:
         return None
-    ends = _ends(mechanism, structure)
+    ends = chain_ends(mechanism, structure)
     in_chain = ends.before @ T @ ends.after
     if structure == "rcm_scope":
         in_chain = _pointed_at_centre(in_chain)
@@ -182,7 +182,7 @@ def nearest_start(mechanism: Mechanism, structure: str, T: Array, seed: Array) -
 
 
 @dataclass(frozen=True, eq=False)
-class _Ends:
+class ChainEnds:
     """Inverses of the poses before and behind a chain, and the limits of its joints.
 
     `wider` are the limits within which Newton's method may start.
@@ -195,7 +195,8 @@ class _Ends:
 
 
 @lru_cache(maxsize=64)
-def _ends(mechanism: Mechanism, structure: str) -> _Ends:
+def chain_ends(mechanism: Mechanism, structure: str) -> ChainEnds:
+    """Invert the poses before and behind a chain and collect its limits, once for a mechanism."""
     fit = fit_chain(mechanism, structure)
     joints = _range(mechanism, fit.count)
     slack = _slack(fit, joints)
@@ -203,7 +204,7 @@ def _ends(mechanism: Mechanism, structure: str) -> _Ends:
         tuple(zip((joints.lower - beyond).tolist(), (joints.upper + beyond).tolist(), strict=True))
         for beyond in (np.zeros(fit.count), slack)
     )
-    return _Ends(inverse(fit.chain.base), inverse(fit.tip), limits, wider)
+    return ChainEnds(inverse(fit.chain.base), inverse(fit.tip), limits, wider)
 
 
 def _range(mechanism: Mechanism, count: int) -> JointRange:
@@ -237,46 +238,48 @@ def _pointed_at_centre(T: Array) -> Array:
     return turned
 
 
-@dataclass(frozen=True, eq=False)
-class _Problem:
-    """A mechanism, the pose (4, 4) that it is to take, and the joints (n,) that may move."""
+def polished(
+    mechanism: Mechanism,
+    T: Array,
+    starts: Array,
+    moving: NDArray[np.bool_],
+    tolerance: float = POSE_TOLERANCE,
+) -> Array:
+    """Bring starts to a pose by Newton's method on a mechanism's own forward kinematics.
 
-    mechanism: Mechanism
-    T: Array
-    moving: NDArray[np.bool_]
+    Args:
+        mechanism: joints beyond those of the starts stay at 0
+        T: pose of the tip in the reference frame, (4, 4)
+        starts: (k, n) [rad or m]
+        moving: which joints may move, (n,)
+        tolerance: how near is near enough [m or rad]
 
-    def whole(self, q: Array) -> Array:
-        """Compute all joints of the mechanism, those beyond the structure's at 0, (k, n_joints)."""
-        full = np.zeros((len(q), len(self.mechanism.joints)))
-        full[:, : q.shape[-1]] = q
-        return full
-
-
-def _polished(problem: _Problem, starts: Array, tolerance: float) -> Array:
-    """Bring starts (k, n) to the pose by Newton's method; those that do not come are left out.
+    Returns:
+        those that come to the pose, whatever the limits, (<= k, n)
 
     Raises:
         UnreachableError: none comes
     """
-    q = starts.copy()
+    q, full = starts.copy(), np.zeros((len(starts), len(mechanism.joints)))
 
     def step(longest: float) -> Array | None:
         if longest < SETTLED:
             return None
-        full = problem.whole(q)
-        miss = log_transform(inverse(pose(problem.mechanism, full)) @ problem.T)
-        slope = jacobian_body(problem.mechanism, full)[..., np.flatnonzero(problem.moving)]
+        full[:, : q.shape[-1]] = q
+        miss = log_transform(inverse(pose(mechanism, full)) @ T)
+        slope = jacobian_body(mechanism, full)[..., np.flatnonzero(moving)]
         change = np.zeros_like(q)
-        change[:, problem.moving] = (np.linalg.pinv(slope) @ miss[..., None])[..., 0]
+        change[:, moving] = (np.linalg.pinv(slope) @ miss[..., None])[..., 0]
         return change
 
     newton(q, step, NEWTON_STEPS)
-    metres, radians = pose_difference(pose(problem.mechanism, problem.whole(q)), problem.T)
+    full[:, : q.shape[-1]] = q
+    metres, radians = pose_difference(pose(mechanism, full), T)
     worst = np.maximum(metres, radians)
     if not (worst <= tolerance).any():
         best = int(np.argmin(worst))
         raise UnreachableError(
-            f"pose out of reach: the nearest that {problem.mechanism.name} comes misses it by "
+            f"pose out of reach: the nearest that {mechanism.name} comes misses it by "
             f"{metres[best]:.3g} m and {radians[best]:.3g} rad",
             {"position": float(metres[best]), "orientation": float(radians[best])},
         )

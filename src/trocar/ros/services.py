@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions.records import ArmDescription
-from trocar.errors import InputError, TrocarError
+from trocar.errors import InputError, TrocarError, UnreachableError
 from trocar.geometry.se3 import inverse
 from trocar.kinematics.coupling import Coupling, joint_from_actuator
 from trocar.kinematics.links import link_pose
@@ -146,10 +146,17 @@ def _link(arm: Arm, q: Array) -> Array:
 
 
 def _inverse(arm: Arm, request: Message) -> Answer:
-    """Return the joints nearest to those of the request, or to the set-points without any."""
+    """Return the joints of a pose in the arm's own base frame, searched from the request's.
+
+    Source: mtsIntuitiveResearchKitArm.cpp:2327-2342, 9e535e6.
+    """
     try:
         seed = vector(request, "jp")
-        q = arm.inverse_kinematics(pose(request, "cp"), seed if len(seed) else None)
+        if len(seed) != arm.description.own_joints:
+            return {"jp": np.zeros(0), "result": False, "message": "incorrect number of joints"}
+        q = arm.inverse_kinematics(pose(request, "cp"), seed)
+    except UnreachableError:
+        return {"jp": np.zeros(0), "result": False, "message": "inverse kinematics failed"}
     except TrocarError as problem:
         return {"jp": np.zeros(0), "result": False, "message": str(problem)}
     return {"jp": q, "result": True, "message": ""}
@@ -215,7 +222,7 @@ SERVICES = tuple(
         (
             "inverse_kinematics",
             "crtk_msgs/QueryInverseKinematics",
-            "joint positions for a pose",
+            "joint positions for a pose in the arm's own base frame, whatever the limits",
             _inverse,
         ),
         ("operating_state", "crtk_msgs/TriggerOperatingState", "the operating state now", _state),

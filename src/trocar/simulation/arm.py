@@ -241,7 +241,10 @@ class Arm:
 
     @command
     def servo_cp(self, T: ArrayLike, frame: str = "") -> bool:
-        """Bring the tip to a pose (4, 4) now.
+        """Bring the tip to a pose (4, 4) now, as near as the joints' limits let it.
+
+        Streamed, it slides along them. A goal that is missed is a warning, by how much, or a
+        rejected command with strict limits.
 
         Args:
             T: pose, in the frame of `measured_cp` when none is named
@@ -276,7 +279,7 @@ class Arm:
 
     @command
     def move_cp(self, T: ArrayLike, frame: str = "") -> Motion:
-        """Move to a pose (4, 4): solved once, then joint by joint.
+        """Move to a pose (4, 4), as near as limits let it: solved once, then joint by joint.
 
         Args:
             T: pose, in the frame of `measured_cp` when none is named
@@ -288,6 +291,8 @@ class Arm:
         run = self.runtime
         q = run.tip.solved(T, "move_cp", frame)
         if q is None:
+            if run.control.states.ready:
+                run.control.report("goal_reached", reached=False)
             return run.control.rejected(run.own)
         return run.begun(run.control.move(q, run.own, "move_cp"))
 
@@ -390,18 +395,24 @@ class Arm:
         pose = self.local.forward_kinematics(q)
         return Pose(base @ pose.matrix, frame, pose.time)
 
-    def inverse_kinematics(self, T: ArrayLike, seed: ArrayLike | None = None) -> Array:
-        """Compute the joint positions nearest to a seed that bring the tip to a pose, (n,).
+    def inverse_kinematics(
+        self, T: ArrayLike, seed: ArrayLike | None = None, frame: str = ""
+    ) -> Array:
+        """Compute the joint positions that the robot takes for a pose, whatever the limits, (n,).
 
         Args:
-            T: pose in the frame of `measured_cp`, (4, 4)
-            seed: (n,) without the jaw [rad or m]; the set-points when omitted
+            T: pose, (4, 4)
+            seed: where the search starts, (n,) without the jaw [rad or m]; the set-points when
+                omitted
+            frame: that T is in: the arm's own reference frame (`Arm.local`'s) when omitted, as on
+                the dVRK; the `frame_id` of `measured_cp`, or another as for `measured_cp`
 
         Raises:
             InputError: no pose, or an arm without a closed form
-            UnreachableError, SingularError: no solution
+            UnknownNameError: no such frame
+            UnreachableError: no solution
         """
-        return self.runtime.tip.inverse_kinematics(T, seed)
+        return self.runtime.tip.inverse_kinematics(T, seed, frame)
 
 
 #: Names that `Arm` had before and answers for one release: the path of what answers now, and what

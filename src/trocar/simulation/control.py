@@ -97,13 +97,14 @@ class Rejections:
         self._arm, self._world, self._journal = arm, world, world.journal
         self._limit = RateLimit()
 
-    def reject(self, verb: str, kind: str, why: str) -> None:
+    def reject(self, verb: str, kind: str, why: str, event: str = "warning") -> None:
         """Count a rejected command, and warn of it or raise as the world's `on_reject` has it.
 
         Args:
             verb: of the command
             kind: of the reason; a warning of a streamed command of a kind comes once in a while
             why: reason
+            event: "warning" or "error", as the robot's software reports it
 
         Raises:
             RejectedError: `on_reject` is "raise"
@@ -112,9 +113,9 @@ class Rejections:
             self.count += 1
             self.last = f"{verb}: {why}"
             raise RejectedError(self._arm, verb, why)
-        self.warn(f"{verb} {kind}", f"{verb}: {why}")
+        self.warn(f"{verb} {kind}", f"{verb}: {why}", event)
 
-    def warn(self, kind: str, reason: str) -> None:
+    def warn(self, kind: str, reason: str, event: str = "warning") -> None:
         """Count a clipped command and warn of it; of streamed ones of a kind once in a while."""
         self.count += 1
         self.last = reason
@@ -123,7 +124,7 @@ class Rejections:
             return
         text = reason + suffix(left_out)
         log.warning("%s: %s", self._arm, text)
-        self._journal.event(self._arm, "warning", text=text)
+        self._journal.event(self._arm, event, text=text)
 
     def forget(self) -> None:
         """Warn of every kind anew: time starts again."""

@@ -295,7 +295,9 @@ class ForceControl:
     # ------------------------------------------------------------------ inside
 
     def _run(self, controller: Controller, verb: str) -> bool:
-        if not self._control.ready(verb) or not self._tip.deep_enough(verb):
+        if not self._control.ready(verb):
+            return False
+        if "wrench" not in self.controllers and not self._tip.deep_enough(verb):
             return False
         # a locked arm is under force control, and the gimbal goes on
         locked = "lock" in self.controllers

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from math import degrees
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.errors import InputError, SingularError, UnknownNameError, UnreachableError
-from trocar.geometry.se3 import inverse
+from trocar.errors import InputError, UnknownNameError, UnreachableError
+from trocar.geometry.se3 import inverse, pose_difference
 from trocar.kinematics.chain_pose import chain_pose
 from trocar.kinematics.inverse import POSE_TOLERANCE, nearest_solution, nearest_start
 from trocar.kinematics.inverse_rcm import DIRECTION_TOLERANCE
 from trocar.kinematics.jacobian import jacobian_body, jacobian_spatial
+from trocar.kinematics.robot_inverse import SAFE_DEPTH_M, robot_solution
 from trocar.kinematics.solutions import LIMIT_TOLERANCE
 from trocar.simulation.control import ArmWorld, JointControl
 from trocar.simulation.controllers import TipState, WrenchFrame
@@ -23,9 +26,11 @@ Array = NDArray[np.float64]
 FRAMES: tuple[WrenchFrame, ...] = ("body", "spatial")
 #: Names of frames beside those of arms: the rig's own, and the endoscope's optical frame.
 WORLD_FRAME, CAMERA_FRAME = "world", "camera"
-#: Cartesian commands need the first wrist joint this far past the remote centre. Source:
-#: mtsIntuitiveResearchKit.h, SafeDistanceFromRCM. [m]
-SAFE_DEPTH_M = 0.045
+#: Cartesian commands begin with the wrist this far past the remote centre [m]; no command brings it
+#: nearer than `SAFE_DEPTH_M`. Source: mtsIntuitiveResearchKit.h, SafeDistanceFromRCMBuffer.
+ENTRY_DEPTH_M = SAFE_DEPTH_M - 0.002
+#: A goal missed by more is a warning. Source: our choice. [m or rad]
+MISSED = 1e-5
 
 
 class Tip:
@@ -194,26 +199,48 @@ class Tip:
     def inverse_kinematics(
         self, T: ArrayLike, seed: ArrayLike | None = None, frame: str = ""
     ) -> Array:
-        """Compute the joint positions nearest to a seed that bring the tip to a pose, (n,).
+        """Compute the joint positions that the robot takes for a pose, whatever the limits, (n,).
 
         Args:
             T: pose, (4, 4)
-            seed: (n,) without the jaw [rad or m]; the set-points when omitted
-            frame: that T is in; that of public poses when omitted
+            seed: where the search starts, (n,) without the jaw [rad or m]; the set-points when
+                omitted
+            frame: that T is in: the arm's own reference frame when omitted, else that of public
+                poses by its name, or another as for `measured`
 
         Raises:
             InputError: no pose, or an arm without a closed form
             UnknownNameError: no such frame
-            UnreachableError, SingularError: no solution
+            UnreachableError: no solution
         """
         if not self._arm.inverse_kinematics:
             raise InputError(f"{self._name}: has no inverse kinematics")
         pose = checked_pose(self._name, T)
         start = self._control.setpoints(self.own) if seed is None else self.whole(seed)[self.own]
-        return self.local_inverse_kinematics(self._in_own_frame(pose, frame), start)
+        if frame:
+            pose = self._in_own_frame(pose, "" if frame == self.base_frame()[1] else frame)
+        return self._robot_solution(pose, start)[0]
+
+    def _robot_solution(self, local: Array, start: Array) -> tuple[Array, bool]:
+        """Return `robot_solution` of a pose in the arm's own reference frame, (n,)."""
+        structure, frames = self._arm.inverse_kinematics, self._clock.frames
+        tolerance = DIRECTION_TOLERANCE if structure == "rcm_scope" else POSE_TOLERANCE
+
+        def refine(q: Array) -> Array | None:
+            return frames.reach(self._name, local, q, tolerance)
+
+        follows = len(start) <= 6 and frames.follows(self._name)
+        return robot_solution(
+            self._arm.mechanism,
+            structure,
+            local,
+            start,
+            self._control.motors.positions(),
+            refine if follows else None,
+        )
 
     def local_inverse_kinematics(self, local: Array, start: Array) -> Array:
-        """Compute the joint positions nearest to others that bring the tip to a pose, (n,).
+        """Compute the joint positions inside the limits, nearest to others, for a pose, (n,).
 
         Args:
             local: pose in the arm's own reference frame, (4, 4), not checked
@@ -236,20 +263,64 @@ class Tip:
         return nearest_solution(mechanism, structure, local, start)
 
     def solved(self, T: ArrayLike, verb: str, frame: str = "") -> Array | None:
-        """Compute the joints of a commanded pose (4, 4), or reject the command and return None.
+        """Compute the joints of a commanded pose, clipped to their limits, (n,).
+
+        A goal that they miss is a warning, or a rejected command where limits are strict or the
+        world raises. Without a solution the command is rejected with an error.
+
+        Args:
+            T: pose, (4, 4)
+            verb: of the command
+            frame: that T is in; that of public poses when omitted
+
+        Returns:
+            (n,) [rad or m], or None where the command is rejected
 
         Raises:
             UnknownNameError: no such frame
         """
         if frame:
             self.frame_pose(frame)
-        if not self._control.ready(verb) or not self.deep_enough(verb):
+        control = self._control
+        if not control.ready(verb) or not self.deep_enough(verb):
             return None
         try:
-            return self.inverse_kinematics(T, frame=frame)
-        except (InputError, UnreachableError, SingularError) as problem:
-            self._control.rejections.reject(verb, "pose", str(problem))
+            if not self._arm.inverse_kinematics:
+                raise InputError(f"{self._name}: has no inverse kinematics")
+            local = self._in_own_frame(checked_pose(self._name, T), frame)
+        except InputError as problem:
+            control.rejections.reject(verb, "pose", str(problem))
             return None
+        try:
+            q, exact = self._robot_solution(local, control.setpoints(self.own))
+        except UnreachableError as problem:
+            control.rejections.reject(verb, "pose", str(problem), "error")
+            return None
+        inside = np.minimum(np.maximum(q, control.lower[self.own]), control.upper[self.own])
+        if exact and inside.tolist() == q.tolist():
+            return inside
+        missed = self._missed(local, q, inside)
+        if not missed:
+            return inside
+        if control.strict_limits or self._clock.on_reject == "raise":
+            control.rejections.reject(verb, "strict", f"{missed}; nothing moves")
+            return None
+        control.rejections.warn(f"{verb} missed", f"{verb}: {missed}")
+        return inside
+
+    def _missed(self, local: Array, q: Array, inside: Array) -> str:
+        """Return by how much joints, clipped from q, miss a pose in the arm's own frame, or ""."""
+        whole, frames = self._control.motors.position.copy(), self._clock.frames
+        whole[self.own] = inside
+        follows = frames.follows(self._name)
+        tip = frames.local_at(self._name, whole) if follows else self.local_at(whole).matrix
+        metres, radians = (float(by) for by in pose_difference(tip, local))
+        if max(metres, radians) <= MISSED:
+            return ""
+        names = self._control.joint_names[self.own]
+        beyond = [n for n, a, b in zip(names, q.tolist(), inside.tolist(), strict=True) if a != b]
+        why = f"; {', '.join(beyond)} beyond the limit" if beyond else ""
+        return f"the goal is missed by {1e3 * metres:.2f} mm and {degrees(radians):.2f} deg{why}"
 
     def deep_enough(self, verb: str) -> bool:
         """Reject a command while an instrument's wrist is too near its remote centre."""
@@ -262,13 +333,13 @@ class Tip:
             q = self._control.motors.positions()
             wrist = chain_pose(mechanism, "wrist_pitch")(q)[:3, 3]
             depth = float(chain_pose(mechanism, "roll")(q)[:3, 2] @ wrist)
-        if depth >= SAFE_DEPTH_M:
+        if depth >= ENTRY_DEPTH_M:
             return True
         self._control.rejections.reject(
             verb,
             "depth",
             f"the wrist is {1e3 * depth:.1f} mm past the remote centre; allowed from "
-            f"{1e3 * SAFE_DEPTH_M:.0f} mm on; insert the instrument first",
+            f"{1e3 * ENTRY_DEPTH_M:.0f} mm on; insert the instrument first",
         )
         return False
 
@@ -363,7 +434,7 @@ class LocalTip:
         return self._tip.local_at(self._tip.whole(q))
 
     def inverse_kinematics(self, T: Array, seed: Array) -> Array:
-        """Compute the joint positions nearest to a seed that bring the tip to a pose, (n,).
+        """Compute the joint positions inside the limits, nearest to a seed, for a pose, (n,).
 
         Args:
             T: pose, (4, 4), not checked

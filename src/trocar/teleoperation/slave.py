@@ -19,7 +19,6 @@ from trocar.geometry.rotations import (
     rotation_z,
 )
 from trocar.geometry.se3 import inverse, transform
-from trocar.simulation.arm import SAFE_DEPTH_M
 
 if TYPE_CHECKING:
     from trocar.simulation import World
@@ -34,7 +33,6 @@ R_WORLD_VIEW = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 #: A solution that is farther from the set-points is on another branch. Source: our own choice.
 #: [rad or m]
 FAR = 0.3
-INSERTION = 2
 #: A tip that is held back by more is not pushed on. Source: our own choice; joints that lag far
 #: behind would end in FAULT. [m]
 LEASH_M = 0.01
@@ -80,14 +78,6 @@ class Slave:
         self._own = self._arm.description.own_joints
         whole = self._arm.joints.setpoints()
         self._commanded, self._rest = whole[: self._own], whole[self._own :]
-        self._least_insertion = -np.inf
-        if (
-            self._arm.description.type == "PSM"
-            and "wrist_pitch" in self._arm.description.mechanism.frame_index
-        ):
-            depth = world.frames.depth(name)
-            measured = float(self._arm.joints.positions()[INSERTION])
-            self._least_insertion = measured + SAFE_DEPTH_M - depth
 
     @property
     def T(self) -> Array:
@@ -100,42 +90,36 @@ class Slave:
         Returns:
             why it stays where it is, "" when it follows
         """
-        goal = self.T_base_view @ T
+        goal, joints = self.T_base_view @ T, self._arm.joints
         try:
             q = self._solve(goal)
-            reason = self._objection(q, goal)
+            inside = np.clip(q, joints.lower[: self._own], joints.upper[: self._own])
+            reason = self._objection(inside, goal)
         except TrocarError as problem:
-            q, reason = self._commanded, str(problem)
+            q = inside = self._commanded
+            reason = str(problem)
         if reason:
             self._arm.servo_jp(self._commanded)
             return reason
-        inside = np.clip(
-            q, self._arm.joints.lower[: self._own], self._arm.joints.upper[: self._own]
-        )
         speed = (inside - self._commanded) / period_s
         self._commanded = inside
         self._arm.servo_jp(inside, speed)
         beyond = np.flatnonzero(inside != q)
-        return f"{self._arm.joints.names[beyond[0]]} is at its limit" if beyond.size else ""
+        return f"{joints.names[beyond[0]]} is at its limit" if beyond.size else ""
 
     def _solve(self, goal: Array) -> Array:
         """Return the joints that bring the tip to a pose in the arm's own base, (n,).
 
-        Newton's method goes on beyond the limits, where the closed form finds nothing.
+        Those of a tool are the robot's, which go on beyond the limits.
         """
-        arm, frames = self._arm, self._world.frames
-        if self._own <= 6 and frames.follows(arm.name):
-            found = frames.reach(arm.name, goal, self._commanded)
-            if found is not None and np.abs(found - self._commanded).max() <= FAR:
-                return found
-        return arm.inverse_kinematics(arm.local.base_frame()[0] @ goal, self._commanded)
+        if self._own <= 6:
+            return self._arm.inverse_kinematics(goal, self._commanded)
+        return self._arm.local.inverse_kinematics(goal, self._commanded)
 
-    def _objection(self, q: Array, goal: Array) -> str:
+    def _objection(self, inside: Array, goal: Array) -> str:
         """Return the reason that joint positions must not be commanded, "" when they may."""
-        if q[INSERTION] < self._least_insertion:
-            return (
-                f"the wrist would come nearer than {1e3 * SAFE_DEPTH_M:.0f} mm to the remote centre"
-            )
+        if np.abs(inside - self._commanded).max() > FAR:
+            return "the joints would jump to another branch"
         here = self._world.frames.measured(self._arm.name)[:3, 3]
         lag, way = here - self._tip(self._commanded)[:3, 3], here - goal[:3, 3]
         return "something is in its way" if LEASH_M**2 < lag @ lag < way @ way else ""

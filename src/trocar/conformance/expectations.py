@@ -1,4 +1,4 @@
-"""The interface that is expected of an arm: topics, services, joints, limits, each with a source."""
+"""The interface that is expected of an arm: topics, services and joints, each with a source."""
 
 from __future__ import annotations
 

@@ -27,6 +27,9 @@ class ConformanceSettings:
         move: command small, slow moves
         home: enable and home the arm first, which moves a real one far
         nan: send set-points that are not numbers, which disable an arm of the dVRK
+
+    Raises:
+        InputError: a number that is not above 0
     """
 
     seconds: float = 3.0
@@ -34,6 +37,12 @@ class ConformanceSettings:
     move: bool = False
     home: bool = False
     nan: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        for name, value in (("seconds", self.seconds), ("rate", self.rate_hz)):
+            if not 0.0 < value < float("inf"):
+                raise InputError(f"{name}: got {value:g}; allowed: above 0")
 
 
 def arms_of(graph: Graph) -> list[str]:
@@ -60,12 +69,9 @@ def conform(
 
     Raises:
         UnknownNameError: no such arm; those that are there are listed
-        InputError: a setting
+        InputError: with `move`, the arm is not enabled and homed, or busy
     """
     how = settings or ConformanceSettings()
-    for name, value in (("seconds", how.seconds), ("rate", how.rate_hz)):
-        if not 0.0 < value < float("inf"):
-            raise InputError(f"{name}: got {value:g}; allowed: above 0")
     progress("listing topics and services")
     graph = client.graph()
     if not any(f"{arm}/{key}" in {**graph.published, **graph.subscribed} for key in CORE):
@@ -79,7 +85,8 @@ def conform(
         client.sleep(CONNECT_S)
         moves = MotionChecks(watch, how.home, how.nan) if how.move else None
         if moves is not None:
-            moves.check_ready()
+            progress("preparing to move")
+            results += moves.ready()
         begin = client.now()
         client.sleep(how.seconds)
         results += reading.streams(watch, begin, client.now(), how.rate_hz)

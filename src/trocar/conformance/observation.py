@@ -42,9 +42,7 @@ class ArmObserver:
         subscribed: {topic without the arm: when it was subscribed to [s]}
     """
 
-    def __init__(
-        self, client: RosClient, arm: str, expected: ArmExpectation, graph: Graph
-    ) -> None:
+    def __init__(self, client: RosClient, arm: str, expected: ArmExpectation, graph: Graph) -> None:
         self.client, self.arm, self.expected, self.graph = client, arm, expected, graph
         self.subscribed: dict[str, float] = {}
         self._lock = threading.Lock()

@@ -114,9 +114,7 @@ def page(report: ConformanceReport) -> str:
         f'<p class="quiet">{pages.text(arm)}; {how}; trocar {__version__}.</p>',
     ]
     for name, rows in groups(report.results):
-        cells = [
-            (MARKS[row.verdict], row.name, row.found, row.allowed, row.source) for row in rows
-        ]
+        cells = [(MARKS[row.verdict], row.name, row.found, row.allowed, row.source) for row in rows]
         head = ("", "check", "found", "allowed", "source")
         body += [f"<h2>{pages.text(name)}</h2>", pages.table(head, cells, words=True)]
     return pages.document(f"Conformance of {report.arm}", "".join(body))

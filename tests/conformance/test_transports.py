@@ -27,8 +27,9 @@ from trocar.errors import TrocarError
 from trocar.ros.transports.websocket import WebSocketTransport
 from trocar.ros.transports.websocket.client import WebSocketClient
 
-#: A loaded machine publishes less often; rates are measured in test_kit.py.
 SETTINGS = ConformanceSettings(seconds=1.0, rate_hz=20.0)
+#: A loaded machine publishes late and unevenly; test_kit.py judges that in simulated time.
+TIMED = ("Streams",)
 
 
 def test_our_psm_conforms_over_rosbridge(
@@ -38,7 +39,11 @@ def test_our_psm_conforms_over_rosbridge(
     with running(WebSocketTransport("127.0.0.1", 0, None)) as (_, transport):
         address = next(w for w in transport.greeting.split() if w.startswith("ws://"))
         words = [address, "--seconds", "1", "--rate", "20", "--html", str(page), "--json"]
-        assert main(["conform", *words]) == 0
+        status = main(["conform", *words])
+        report = json.loads(capsys.readouterr().out)
+        wrong = [r for r in report["results"] if r["verdict"] == "fail"]
+        assert [r for r in wrong if r["group"] not in TIMED] == []
+        assert status == bool(wrong)
         assert main(["conform", address, "--arm", "PSM2"]) == 2
         assert "known: PSM1" in capsys.readouterr().err
     assert "Conformance of PSM1" in page.read_text(encoding="utf-8")
@@ -77,7 +82,8 @@ def test_our_psm_conforms_on_ros_2() -> None:
     ):
         client.start()
         report = conform(client, "PSM1", SETTINGS)
-        assert failed(report) == set()
+        timed = {r.name for r in report.results if r.group in TIMED}
+        assert failed(report) - timed == set()
         assert client.latched("PSM1/trajectory_j/ratio") is True
         assert client.latched("PSM1/measured_js") is False
         with pytest.raises(TrocarError, match="PSM1/nothing: no such service"):
@@ -100,7 +106,8 @@ def test_our_psm_conforms_on_ros_1(tmp_path: Path) -> None:
     simulator.stop()
     master.close()
     report = json.loads(done.stdout)
-    wrong = [r["name"] for r in report["results"] if r["verdict"] == "fail"]
+    failures = [r for r in report["results"] if r["verdict"] == "fail"]
+    wrong = [r["name"] for r in failures if r["group"] not in TIMED]
     assert wrong in ([], ["events are offered as latched (ROS 2: TRANSIENT_LOCAL)"])
     assert report["pass"] > 35
 
@@ -111,7 +118,7 @@ def test_our_psm_conforms_on_ros_1(tmp_path: Path) -> None:
         ([], "got 0 of ADDRESS, --ros1 and --ros2; allowed: one of them"),
         (["ws://127.0.0.1:1", "--ros2"], "got 2 of ADDRESS"),
         (["http://127.0.0.1:1"], "conform: got 'http://127.0.0.1:1'; allowed: ws://HOST:PORT"),
-        (["ws://127.0.0.1:1", "--nan"], "--nan: allowed with --move"),
+        (["ws://127.0.0.1:1", "--nan"], "--nan: has no effect here; allowed with --move only"),
         (["ws://127.0.0.1:1", "--rate", "0"], "rate: got 0; allowed: above 0"),
     ],
 )

@@ -148,7 +148,7 @@ def quaternion(message: Message) -> Array:
 def pose(message: Message) -> Array:
     """Return the pose of a geometry_msgs/Pose, its quaternion normalised, (4, 4) [m].
 
-    What is no pose becomes NaN.
+    Without a length of the quaternion, or with infinite numbers, it is NaN.
     """
     turn, place = quaternion(message["orientation"]), xyz(message["position"])
     if not (np.isfinite(turn).all() and np.isfinite(place).all() and turn.any()):
@@ -162,7 +162,7 @@ def twist(message: Message) -> Array:
 
 
 def pose_error(Ta: Array, Tb: Array) -> tuple[float, float]:
-    """Return how far two poses (4, 4) are apart [m, rad]; infinity for what is no pose."""
+    """Measure the distance of two poses (4, 4) [m, rad]; infinity for NaN."""
     if not (np.isfinite(Ta).all() and np.isfinite(Tb).all()):
         return float("inf"), float("inf")
     distance, angle = pose_difference(Ta, Tb)

@@ -1,4 +1,4 @@
-"""A client of somebody else's topics and services: a robot, or another simulator."""
+"""A client of the topics and services of a robot, or of another simulator."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class Graph:
     """Topics and services that others offer, by names without a leading slash.
 
     Attributes:
-        published: {topic that somebody publishes: its type}
-        subscribed: {topic that somebody subscribes to: its type}
+        published: {topic with a publisher: its type}
+        subscribed: {topic with a subscriber: its type}
         services: {service: its type, "" where the transport lists names only}
     """
 

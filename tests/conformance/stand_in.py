@@ -234,7 +234,7 @@ class DeafRatio(FaultyClient):
 
     found_by = (
         "move_jp: peak speeds at a ratio of 0.2, of the profile's",
-        "a quarter of the ratio (0.05) makes moves half as fast",
+        "a quarter of the ratio (0.05) makes moves half as fast, or slower",
     )
     moves = True
 

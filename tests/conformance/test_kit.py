@@ -69,6 +69,7 @@ def test_a_fault_is_found_by_reading(kind: type[FaultyClient]) -> None:
     assert len(found) <= len(kind.found_by) + 3  # one fault is no shower of alarms
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", MOVING, ids=lambda kind: kind.__name__)
 def test_a_fault_is_found_by_moving(kind: type[FaultyClient]) -> None:
     assert failed(run(kind(), move=True)) == set(kind.found_by)

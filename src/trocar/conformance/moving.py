@@ -49,10 +49,16 @@ CONNECT_S, LOOK_S = 1.5, 0.005
 STREAM, STREAM_S = 20, 0.02
 #: Set-points: equal [rad or m]; moving.
 SAME, MOVED = 1e-4, 1e-7
-#: Measured beside commanded positions after a move, as a share of a step.
-TRACKED = 1.0
-#: Peak speed beside that of a profile of constant acceleration; the ratio of two such peaks.
-PEAK, PEAKS = (0.75, 1.1), (1.7, 2.3)
+#: Measured beside commanded positions after a move: as a share of a step; of the tip [m].
+TRACKED, TIP_M = 1.0, 0.003
+#: Peak speed beside that of a profile of constant acceleration; the ratio of two peaks at ratios
+#: of 4 to 1: 2 where acceleration limits a move, 4 where the speed does.
+PEAK, PEAKS = (0.75, 1.1), (1.7, 4.4)
+#: Streams that no check of moves reads.
+UNREAD = (
+    "gravity_compensation/setpoint_js", "local/setpoint_cp", "body/measured_cf",
+    "spatial/measured_cf", "body/jacobian", "spatial/jacobian",
+)  # fmt: skip
 #: Time from a command to the first set-point that follows it [s].
 LATENCY_S = 0.1
 #: Poses of set-points: 0.2 mm and 2 mrad. Integrals of velocities: share of the way, and offset.
@@ -151,6 +157,7 @@ class MotionChecks:
             ("numbers that are none", self._not_numbers),
         ]
         try:
+            self._watch.close(*UNREAD)
             self._start, self._guarded = self._setpoint(), True
             for title, step in steps:
                 progress(title)
@@ -436,7 +443,7 @@ class MotionChecks:
         )
 
     def _judge_ratio(self, usual: ObservedMove) -> CheckResult:
-        name = f"a quarter of the ratio ({SLOW:g}) makes moves half as fast"
+        name = f"a quarter of the ratio ({SLOW:g}) makes moves half as fast, or slower"
         if not self._ratios or usual.peaks is None:
             return skipped(GROUP, name, "no set_ratio, or no velocities", MOVES_TABLE)
         self._use_ratio(SLOW)
@@ -527,10 +534,16 @@ class MotionChecks:
         self._back()
 
     def _stream(self, key: str, goals: Sequence[Array], stream: str) -> Array:
-        """Send set-points one after the other; return the last one published afterwards."""
+        """Send set-points one after the other; return the last one published afterwards.
+
+        Those of servo_jr are steps.
+        """
+        before = self._setpoint(stream)
         for goal in goals:
             self._joint_command(key, goal)
             self._pass(STREAM_S)
+        end = before + goals[-1] if key == "servo_jr" else goals[-1]
+        self._wait(lambda: bool(np.abs(self._setpoint(stream) - end).max() <= SAME), CHANGE_S)
         self._pass(SETTLE_S)
         return self._setpoint(stream)
 
@@ -567,34 +580,50 @@ class MotionChecks:
         self._back()
 
     def _cartesian(self) -> Iterator[CheckResult]:
-        T = self._pose("setpoint_cp")
+        poses = self._poses()
         reason = ""
         known = self._watch.expected.joints
         if "insertion" in known and self._start[known.index("insertion")] < CANNULA_M:
             reason = f"the insertion is below {CANNULA_M:g} m, near the cannula"
-        elif not np.isfinite(T).all():
-            reason = "no setpoint_cp"
+        elif not poses:
+            reason = "no setpoint_cp, or no goal: no forward_kinematics"
         for key in ("move_cp", "servo_cp"):
             if reason or not self._watch.has_command(key):
                 yield skipped(GROUP, key, reason or "no such command", CARTESIAN_TABLE)
                 continue
-            yield from self._place(key, T)
+            yield from self._place(key, poses)
             self._back()
 
-    def _place(self, key: str, T: Array) -> Iterator[CheckResult]:
-        """Check a way of 2 mm, as a move or in steps."""
-        goal = T.copy()
-        goal[0, 3] += STEP_M
+    def _poses(self) -> list[Array]:
+        """Return poses on a small way, (4, 4) each, as forward_kinematics has them; [] unknown."""
+        if self._watch.last("setpoint_cp") is None:
+            return []
+        way, poses = 0.5 * self._towards() * self._steps(), list[Array]()
+        try:
+            for share in np.arange(1, STREAM + 1) / STREAM:
+                reply = self._watch.call("forward_kinematics", {"jp": self._start + share * way})
+                if not reply["result"]:
+                    return []
+                poses.append(pose(reply["cp"]))
+                self._guard()
+        except StoppedError:
+            raise
+        except TrocarError:
+            return []
+        return poses
+
+    def _place(self, key: str, poses: Sequence[Array]) -> Iterator[CheckResult]:
+        """Check a small way, as a move or in steps."""
+        goal = poses[-1]
         begin = self._client.now()
         if key == "move_cp":
             self._watch.publish(key, {"pose": pose_message(goal)})
             self._wait(lambda: bool(self._goals(begin)), MOVE_S)
         else:
-            for share in np.arange(1, STREAM + 1) / STREAM:
-                step = T.copy()
-                step[0, 3] += share * STEP_M
+            for step in poses:
                 self._watch.publish(key, {"pose": pose_message(step)})
                 self._pass(STREAM_S)
+        self._wait(lambda: pose_error(self._pose("setpoint_cp"), goal)[0] <= PLACE_M, CHANGE_S)
         self._pass(SETTLE_S)
         off, turn = pose_error(self._pose("setpoint_cp"), goal)
         text = f"{1e3 * off:.2g} mm, {1e3 * turn:.2g} mrad off"
@@ -603,7 +632,7 @@ class MotionChecks:
         met = off <= PLACE_M and turn <= TURN_RAD
         yield check(GROUP, name, met, text, allowed, CARTESIAN_TABLE)
         off, _ = pose_error(self._pose("measured_cp"), goal)
-        name, most = f"{key}: measured_cp ends there, too", TRACKED * STEP_M
+        name, most = f"{key}: measured_cp ends there, too", TIP_M
         yield check(
             GROUP,
             name,

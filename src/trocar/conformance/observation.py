@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -19,6 +20,12 @@ from trocar.ros.client import Graph, RosClient
 
 Array = NDArray[np.float64]
 Message = Mapping[str, Any]
+
+
+#: Messages of a topic that are kept: several seconds at 1 kHz. Source: our own choice.
+KEPT = 5000
+#: Period in which pauses of this program are noticed [s]. Source: our own choice.
+LOOK_S = 0.01
 
 
 @dataclass(frozen=True)
@@ -46,8 +53,8 @@ class ArmObserver:
         self.client, self.arm, self.expected, self.graph = client, arm, expected, graph
         self.subscribed: dict[str, float] = {}
         self._lock = threading.Lock()
-        self._arrived: dict[str, list[Arrival]] = {}
-        self._ends: list[Callable[[], None]] = []
+        self._arrived: dict[str, deque[Arrival]] = {}
+        self._ends: dict[str, Callable[[], None]] = {}
 
     def start(self) -> None:
         """Subscribe to every expected topic that is published with a known type."""
@@ -56,25 +63,32 @@ class ArmObserver:
             if kind in message_names():
                 self.subscribed[key] = self.client.now()
                 take = partial(self._take, key)
-                self._ends.append(self.client.subscribe(f"{self.arm}/{key}", kind, take))
+                self._ends[key] = self.client.subscribe(f"{self.arm}/{key}", kind, take)
 
-    def close(self) -> None:
-        """Unsubscribe."""
-        for end in self._ends:
-            end()
-        self._ends = []
+    def close(self, *keys: str) -> None:
+        """Unsubscribe from these topics, by default from all."""
+        for key in keys or tuple(self._ends):
+            if key in self._ends:
+                self._ends.pop(key)()
+
+    def watch(self, seconds: float) -> float:
+        """Let time pass; return the longest pause of this program beside it [s]."""
+        end, longest = self.client.now() + seconds, 0.0
+        while (before := self.client.now()) < end:
+            self.client.sleep(LOOK_S)
+            longest = max(longest, self.client.now() - before - LOOK_S)
+        return longest
 
     def _take(self, key: str, message: Message) -> None:
         arrival = Arrival(self.client.now(), message)
         with self._lock:
-            self._arrived.setdefault(key, []).append(arrival)
+            self._arrived.setdefault(key, deque(maxlen=KEPT)).append(arrival)
 
     def since(self, time: float, key: str) -> list[Arrival]:
         """Return the messages of a topic that arrived after a time [s]."""
         with self._lock:
-            rows = self._arrived.get(key, ())
             found: list[Arrival] = []
-            for row in reversed(rows):
+            for row in reversed(self._arrived.get(key, ())):
                 if row.time < time:
                     break
                 found.append(row)

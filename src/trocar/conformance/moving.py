@@ -272,6 +272,14 @@ class MotionChecks:
         start = self._setpoint(stream)
         begin = self._joint_command(key, values)
         self._wait(lambda: bool(self._goals(begin)), MOVE_S)
+        # On a loaded computer, messages of streams arrive later than events.
+        self._wait(
+            lambda: (
+                bool(np.abs(self._setpoint(stream) - goal).max() <= SAME)
+                and not self._watch.flag("is_busy")
+            ),
+            CHANGE_S,
+        )
         self._pass(SETTLE_S)
         rows = self._watch.since(begin, stream)
         setpoints = np.array([numbers(row.message, "position") for row in rows])

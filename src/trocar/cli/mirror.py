@@ -125,16 +125,16 @@ def _source(args: Namespace) -> BagSource | LiveSource:
     if args.bag:
         return BagSource(open_bag(args.bag))
     if args.websocket:
-        from trocar.ros.transports.websocket.client import WebSocketListener
+        from trocar.ros.transports.websocket.client import WebSocketClient
 
-        return LiveSource(WebSocketListener(args.websocket), args.websocket)
+        return LiveSource(WebSocketClient(args.websocket))
     if args.ros1:
-        from trocar.ros.transports.ros1 import Ros1Listener
+        from trocar.ros.transports.ros1 import Ros1Client
 
-        return LiveSource(Ros1Listener(), "ROS 1")
-    from trocar.ros.transports.ros2 import Ros2Listener
+        return LiveSource(Ros1Client("trocar_mirror"))
+    from trocar.ros.transports.ros2 import Ros2Client
 
-    return LiveSource(Ros2Listener(), "ROS 2")
+    return LiveSource(Ros2Client())
 
 
 def _follow(loop: Loop, mirror: Mirror, duration_s: float | None) -> None:

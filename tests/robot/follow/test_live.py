@@ -17,7 +17,7 @@ from trocar.live.loop import SERVER_TICK_S
 from trocar.robot.follow import LiveSource, Mirror
 from trocar.ros import Core
 from trocar.ros.transports.websocket import WebSocketTransport
-from trocar.ros.transports.websocket.client import WebSocketListener
+from trocar.ros.transports.websocket.client import WebSocketClient
 from trocar.simulation import World
 
 PATIENCE_S = 20.0
@@ -63,7 +63,7 @@ def test_the_twin_goes_where_the_robot_goes_and_holds_when_it_is_gone(
     with caplog.at_level(logging.WARNING, "trocar"), robot() as (real, transport, core):
         address = transport.greeting.split()[-1]
         address = next(w for w in transport.greeting.split() if w.startswith("ws://"))
-        source = LiveSource(WebSocketListener(address), address)
+        source = LiveSource(WebSocketClient(address))
         with twin(source) as (own, mirror):
             until(lambda: mirror.twins["PSM1"].heard > 20, "nothing heard")
             real.post(Command("PSM1", "servo_jp", {"q": (0.3, -0.2, 0.15, 0.4, 0.2, 0.1)}))
@@ -85,21 +85,21 @@ def test_the_twin_goes_where_the_robot_goes_and_holds_when_it_is_gone(
 
 
 def test_nobody_there_is_told() -> None:
-    listener = WebSocketListener("ws://127.0.0.1:1")
+    client = WebSocketClient("ws://127.0.0.1:1")
     with pytest.raises(TrocarError, match=r"no connection to ws://127\.0\.0\.1:1"):
-        listener.start(["PSM1/measured_js"], lambda *_: None)
+        client.start()
     with pytest.raises(InputError, match="allowed: ws://HOST:PORT"):
-        WebSocketListener("http://x")
+        WebSocketClient("http://x")
 
 
 def test_the_twin_follows_a_robot_on_ros_2() -> None:
     pytest.importorskip("cyclonedds", reason="cyclonedds is not installed (extra ros2)")
-    from trocar.ros.transports.ros2 import Ros2Listener, network
+    from trocar.ros.transports.ros2 import Ros2Client, network
 
     alone = {"ROS_DOMAIN_ID": "87"}
     words = ["--no-page", "--rig", "psm", "--ros2", "dds", "--websocket-port", "0"]
     with served(words, r"ROS 2.*|.*loopback.*", alone):
-        source = LiveSource(Ros2Listener(network(alone)), "ROS 2")
+        source = LiveSource(Ros2Client(network(alone)))
         with twin(source) as (own, mirror):
             until(lambda: mirror.twins["PSM1"].heard > 50, "nothing heard over ROS 2")
             assert mirror.report().arms["PSM1"].rate_hz > 50.0

@@ -8,9 +8,10 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Protocol, cast
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from trocar.errors import InputError, TrocarError
 from trocar.live.inbox import Command
 from trocar.live.state import Elapsed
 from trocar.recording.bags import JOINT_STATE, Bag, JointMessage
+from trocar.ros.client import RosClient
 from trocar.ros.topic import prefix
 
 if TYPE_CHECKING:
@@ -43,24 +45,16 @@ WATCH_TICKS = 5
 FIRST_MESSAGE_S = 3.0
 
 
-class Listener(Protocol):
-    """Receives topics, in a thread of its own, until it is closed."""
-
-    def start(self, topics: Sequence[str], take: Callable[[str, Mapping[str, Any]], None]) -> None:
-        """Subscribe, and call `take` with the topic and fields of every message."""
-        ...
-
-    def close(self) -> None:
-        """Unsubscribe."""
-        ...
-
-
 @dataclass(frozen=True)
 class LiveSource:
-    """A robot that is there now: what receives its topics, and its name in messages."""
+    """A robot that is there now."""
 
-    listener: Listener
-    name: str
+    client: RosClient
+
+    @property
+    def name(self) -> str:
+        """Its name in messages."""
+        return self.client.name
 
 
 @dataclass(frozen=True)
@@ -296,7 +290,10 @@ class Mirror:
         self._started = time.monotonic()
         self._unwatch = self._loop.watch(self)
         if isinstance(self._source, LiveSource):
-            self._source.listener.start(tuple(self._parts), self._receive)
+            client = self._source.client
+            client.start()
+            for topic in self._parts:
+                client.subscribe(topic, JOINT_STATE, partial(self._receive, topic), depth=1)
 
     def close(self) -> None:
         """Stop following.
@@ -306,7 +303,7 @@ class Mirror:
         """
         self._unwatch()
         if isinstance(self._source, LiveSource):
-            self._source.listener.close()
+            self._source.client.close()
         if self._failure is not None:
             raise self._failure
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from trocar.ros.transports.ros1.client import Ros1Client
 from trocar.ros.transports.ros1.master import MasterError
-from trocar.ros.transports.ros1.transport import MissingRospyError, Ros1Listener, Ros1Transport
+from trocar.ros.transports.ros1.transport import MissingRospyError, Ros1Transport
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -18,7 +19,7 @@ __all__ = [
     "ORDER",
     "MasterError",
     "MissingRospyError",
-    "Ros1Listener",
+    "Ros1Client",
     "Ros1Transport",
     "open_transport",
 ]

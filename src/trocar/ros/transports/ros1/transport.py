@@ -15,7 +15,7 @@ import select
 import socket
 import sys
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
@@ -376,40 +376,3 @@ class Ros1Transport:
         ):
             for name, described in rows:
                 of.get_registration_listeners().notify_added(name, described, kind)
-
-
-class Ros1Listener:
-    """Receive joint states by rospy. A process can have one such node, once."""
-
-    KIND = "sensor_msgs/JointState"
-
-    def __init__(self, node: str = "trocar_mirror") -> None:
-        self._node = node
-        self._ros: Rospy | None = None
-
-    def start(self, topics: Sequence[str], take: Callable[[str, Mapping[str, Any]], None]) -> None:
-        """Join the master, subscribe and hand over what arrives.
-
-        Raises:
-            MissingRospyError: this Python has no rospy
-            MasterError, InputError: no master
-            TrocarError: rospy refuses
-        """
-        self._ros = ros = load()
-        settle_address(find_master())
-        ros.join(self._node, anonymous=True)
-        made = ros.message_class(message_type(self.KIND))
-
-        def taken(message: Any, topic: str) -> None:
-            try:
-                take(topic, ros1_decode(self.KIND, message.data))
-            except MessageError as problem:
-                _log.debug("/%s: cannot read a message: %s", topic, problem)
-
-        for topic in topics:
-            ros.rospy.Subscriber(f"/{topic}", made, taken, topic, queue_size=1, tcp_nodelay=True)
-
-    def close(self) -> None:
-        """End."""
-        if self._ros is not None:
-            self._ros.rospy.signal_shutdown("the mirror is closed")

@@ -11,8 +11,9 @@ import logging
 from typing import TYPE_CHECKING
 
 from trocar.ros.transports import rclpy_node
+from trocar.ros.transports.ros2.client import Ros2Client
 from trocar.ros.transports.ros2.dds import Network, network
-from trocar.ros.transports.ros2.transport import Ros2Listener, Ros2Transport
+from trocar.ros.transports.ros2.transport import Ros2Transport
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -24,7 +25,7 @@ __all__ = [
     "OPTIONS",
     "ORDER",
     "Network",
-    "Ros2Listener",
+    "Ros2Client",
     "Ros2Transport",
     "network",
     "open_transport",

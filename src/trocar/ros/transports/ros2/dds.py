@@ -56,6 +56,9 @@ QUICK: dict[str, tuple[Any, list[Any]]] = {
     "dds_strretcode": (ct.c_char_p, [I32]),
     "dds_writecdr": (I32, [I32, POINTER]),
     "dds_takecdr": (I32, [I32, POINTER, U32, POINTER, U32]),
+    "dds_read": (I32, [I32, POINTER, POINTER, SIZE, U32]),
+    "dds_return_loan": (I32, [I32, POINTER, I32]),
+    "dds_qget_durability": (ct.c_bool, [POINTER, POINTER]),
     "ddsi_serdata_from_ser_iov": (POINTER, [POINTER, ct.c_int, SIZE, POINTER, SIZE]),
     "ddsi_serdata_size": (U32, [POINTER]),
     "ddsi_serdata_to_ser": (None, [POINTER, SIZE, SIZE, POINTER]),
@@ -258,6 +261,27 @@ ANY_BYTES = (ct.c_uint32 * 3)(0x01010000, 0, 0)
 NOTHING = Metadata(None, 0)
 
 
+#: Topics on which Cyclone DDS describes writers and readers, and endpoints that are read at once.
+#: Source: dds.h, DDS_BUILTIN_TOPIC_DCPSPUBLICATION, DDS_BUILTIN_TOPIC_DCPSSUBSCRIPTION.
+BUILTIN_WRITERS, BUILTIN_READERS, DESCRIBED = 0x7FFF0003, 0x7FFF0004, 4096
+
+
+@dataclass(frozen=True)
+class OfferedEndpoint:
+    """A writer or reader of another participant.
+
+    Attributes:
+        topic, kind: names of topic and type in DDS
+        writes: a writer; else a reader
+        durable: late subscribers of the writer get its last message
+    """
+
+    topic: str
+    kind: str
+    writes: bool
+    durable: bool
+
+
 @dataclass(frozen=True)
 class DdsSample:
     """A received message: CDR with its header, the writer's handle, time of writing [ns]."""
@@ -410,10 +434,37 @@ class DdsParticipant:
         """Return every writer and reader."""
         return list(self._ends.values())
 
+    def offered(self) -> tuple[OfferedEndpoint, ...]:
+        """List the writers and readers of other participants."""
+        return (*self._described(BUILTIN_WRITERS), *self._described(BUILTIN_READERS))
+
     def close(self) -> None:
         """Leave the domain; nothing of the bus may be used afterwards."""
         self._lib.wait.dds_delete(self._participant)
         self._leave()
+
+    def _described(self, topic: int) -> list[OfferedEndpoint]:
+        """Read one of Cyclone DDS's own topics."""
+        lib = self._lib
+        created = lib.wait.dds_create_reader(self._participant, topic, None, None)
+        reader = lib.checked(created, "the list of endpoints")
+        samples, infos = (ct.c_void_p * DESCRIBED)(), (SampleInfo * DESCRIBED)()
+        count = lib.quick.dds_read(reader, samples, infos, DESCRIBED, DESCRIBED)
+        found: list[OfferedEndpoint] = []
+        for sample, info in zip(samples[: max(count, 0)], infos, strict=False):
+            if not info.valid_data or not sample:
+                continue
+            end = Endpoint.from_address(sample)
+            if bytes(end.participant_key) == self.guid:
+                continue
+            durability = ct.c_int(0)
+            lib.quick.dds_qget_durability(end.qos, ct.byref(durability))
+            names = (end.topic_name or b"").decode(), (end.type_name or b"").decode()
+            found.append(OfferedEndpoint(*names, topic == BUILTIN_WRITERS, durability.value > 0))
+        if count > 0:
+            lib.quick.dds_return_loan(reader, samples, count)
+        lib.wait.dds_delete(reader)
+        return found
 
     def _leave(self) -> None:
         if self._domain > 0:

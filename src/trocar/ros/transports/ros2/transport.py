@@ -7,14 +7,13 @@ import os
 import re
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from operator import itemgetter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from trocar.messages import (
-    MessageError,
     ServiceType,
     cdr_decode,
     cdr_encode,
@@ -345,59 +344,3 @@ class Ros2Transport:
         message = self.core.decoded(topic, payload, cdr_decode, peer)
         if message is not None:
             self.core.receive(topic.name, message, peer)
-
-
-class Ros2Listener:
-    """Receive joint states over DDS, reliable or not.
-
-    Args:
-        where: domain and network; default: as ROS 2's environment variables say
-
-    Raises:
-        MissingExtraError: the extra `ros2` is not installed
-        InputError: a variable of ROS 2 that has no possible value
-    """
-
-    KIND = "sensor_msgs/JointState"
-
-    def __init__(self, where: Network | None = None) -> None:
-        dds.load()
-        self._where = where or network(os.environ)
-        self._over = threading.Event()
-        self._bus: DdsParticipant | None = None
-
-    def start(self, topics: Sequence[str], take: Callable[[str, Mapping[str, Any]], None]) -> None:
-        """Join the domain, subscribe and hand over what arrives.
-
-        Raises:
-            DdsError: no such network, or too many participants
-        """
-        bus = DdsParticipant(self._where.domain, self._where.config, naming.user_data(enclave="/"))
-        self._bus, quality = bus, QualityOfService(1, best_effort=True)
-        dds_name = message_type(self.KIND).dds_name
-        names = {
-            bus.reader(naming.topic_name(topic), dds_name, quality).entity: topic
-            for topic in topics
-        }
-
-        def listen() -> None:
-            while not self._over.is_set():
-                for end in bus.wait(WAIT_S):
-                    for taken in end.take() if isinstance(end, DdsReader) else ():
-                        try:
-                            message = cdr_decode(self.KIND, taken.payload)
-                        except MessageError as problem:
-                            name = names[end.entity]
-                            _log.debug("/%s: cannot read a message: %s", name, problem)
-                        else:
-                            take(names[end.entity], message)
-
-        self._thread = threading.Thread(target=listen, name="trocar-listen", daemon=True)
-        self._thread.start()
-
-    def close(self) -> None:
-        """End."""
-        self._over.set()
-        if self._bus is not None:
-            self._thread.join()
-            self._bus.close()

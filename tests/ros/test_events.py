@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from tests.ros.served import Served, stamp_ns
+from trocar.descriptions import load_rig
 from trocar.errors import InputError, MissingExtraError
 from trocar.live import Command, Loop
 from trocar.ros import Core
+from trocar.ros.core import topic_table
 from trocar.ros.sampler import WAITING_S
 from trocar.ros.transports.memory import MemoryTransport
 from trocar.simulation import World
@@ -18,6 +20,11 @@ from trocar.simulation.rate_limit import BURST
 
 #: What only transports that have a use for it ask for.
 BY_TRANSPORTS = ("robot_description", "tf_static")
+#: Ends of the names of topics that have no message until something happens.
+HAPPENINGS = {
+    *("goal_reached", "error", "warning", "status", "tool_type_request", "pinch"),
+    *("slipped", "dropped", "selected", "unselected"),
+}
 AT_START = "PSM1/operating_state"
 
 
@@ -154,7 +161,14 @@ def test_every_latched_topic_has_a_message_for_those_who_come_late() -> None:
     served = Served("full_cart_mtm", wanted=[])
     served.run(0.01)
     rows = served.core.topics.values()
-    latched = [t.name for t in rows if t.latched and not t.later and t.name not in BY_TRANSPORTS]
+    latched = [
+        t.name
+        for t in rows
+        if t.latched
+        and not t.later
+        and t.name not in BY_TRANSPORTS
+        and t.name.rpartition("/")[2] not in HAPPENINGS
+    ]
     assert [name for name in latched if served.core.latched(name) is None] == []
 
 
@@ -169,7 +183,8 @@ def test_buttons_pressed_and_released_at_once_have_stamps_of_their_own() -> None
 
 
 @pytest.mark.parametrize(
-    ("goal", "reason"), [([1.0], "got 1 numbers"), ([0.0] * 6, "move_jp: the arm is DISABLED")]
+    ("goal", "reason"),
+    [([float("nan")] * 6, "position[0] nan"), ([0.0] * 6, "move_jp: the arm is DISABLED")],
 )
 def test_each_of_two_rejected_moves_is_answered(goal: list[float], reason: str) -> None:
     served, _ = settle()
@@ -292,3 +307,21 @@ def test_without_its_library_the_urdf_is_a_warning(monkeypatch: pytest.MonkeyPat
     finally:
         loop.close()
         core.close()
+
+
+def test_everything_that_the_dvrk_latches_is_latched() -> None:
+    """Source: cisst-ros 73aca61, mtsROSBridge.h:828 and :845: every event."""
+    rows = topic_table(load_rig("full_cart_mtm"))
+    assert [
+        t.name for t in rows if t.rate == "event" and t.direction == "pub" and not t.latched
+    ] == []
+    assert [t.name for t in rows if t.rate != "event" and t.latched] == []
+
+
+def test_a_late_subscriber_gets_the_last_goal_warning_and_status() -> None:
+    served, _ = settle()
+    served.loop.post(Command("PSM1", "move_jr", {"dq": [0.01, 0, 0, 0, 0, 0]}))
+    served.loop.post(Command("PSM1", "servo_jp", {"q": [1.0]}))
+    served.run(0.5)
+    assert served.core.latched("PSM1/goal_reached") == {"data": True}
+    assert "allowed: 6 numbers" in served.core.latched("PSM1/warning")["data"]

@@ -100,7 +100,7 @@ def test_a_component_goes_through_its_states_and_back() -> None:
     ("topic", "fields", "says"),
     [
         (f"{NAME}/state_command", {"string": "fly"}, "allowed: enable, disable, align_mtm"),
-        (f"{NAME}/set_scale", {"data": 0.0}, "above 0 to 1"),
+        (f"{NAME}/set_scale", {"data": float("nan")}, "finite"),
         (f"{NAME}/lock_rotation", {"data": 3}, "true or false"),
         ("console/teleop/select", {"data": "MTMX"}, "allowed: MTMR_PSM1"),
         ("console/teleop/set_scale", {"data": float("nan")}, "finite"),

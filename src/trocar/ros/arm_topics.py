@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +18,7 @@ from trocar.live.inbox import Command
 from trocar.ros import message_builders as build
 from trocar.ros.clock import Stamp
 from trocar.ros.message_fields import (
+    DoubtfulError,
     RefusedError,
     flag,
     joints,
@@ -26,6 +28,7 @@ from trocar.ros.message_fields import (
     pose,
     rotation,
     text,
+    vector,
     wrench,
 )
 from trocar.ros.topic import (
@@ -48,14 +51,12 @@ from trocar.ros.topic import (
     Make,
     Topic,
     command,
-    event,
     latched,
     prefix,
     state,
 )
 from trocar.simulation.arm import STATE_COMMANDS
 from trocar.simulation.controllers import CartesianImpedance, HalfPlaneGains
-from trocar.simulation.moves import RATIO_MIN
 from trocar.simulation.readout import ArmReadout
 from trocar.simulation.records import ArmStatus
 
@@ -66,8 +67,10 @@ Array = NDArray[np.float64]
 Message = Mapping[str, Any]
 #: A verb of the arm and its arguments.
 Verb = tuple[str, Mapping[str, Any]]
+#: The same, which may have a warning about its message.
+NotedVerb = Verb | tuple[str, Mapping[str, Any], str]
 #: Reads a message for an arm with its tool, as it is now.
-Reader = Callable[[Message, ArmDescription], Verb]
+Reader = Callable[[Message, ArmDescription], NotedVerb]
 #: Does a verb of an arm in place of the arm: (its name, the arguments, the world).
 Act = Callable[[str, Mapping[str, Any], "World"], object]
 
@@ -173,12 +176,30 @@ def _joint_verb(verb: str) -> Reader:
     return lambda message, arm: (verb, {argument: joints(message, values, _own(arm))})
 
 
+def _goal(message: Message, names: Sequence[str], part: str = "") -> NotedVerb:
+    """Read move_jp; with too few numbers nothing moves, and the goal is reached.
+
+    Source: recorded answers of the dVRK's software, move_jp with 0 and 5 values.
+    """
+    got, count = len(vector(message, "position")), len(names)
+    if got < count:
+        note = f"got {got} numbers in position; used: none; allowed: {count}"
+        return f"{part}move_jr", {"dq": np.zeros(count)}, f"{note}, for {', '.join(names)}"
+    return f"{part}move_jp", {"q": joints(message, "position", names)}
+
+
+def _move_jp(message: Message, arm: ArmDescription) -> NotedVerb:
+    return _goal(message, _own(arm))
+
+
 def _jaw_verb(verb: str) -> Reader:
     values, argument = JOINT_VERBS[verb[-2:]]
 
-    def read(message: Message, arm: ArmDescription) -> Verb:
+    def read(message: Message, arm: ArmDescription) -> NotedVerb:
         if not arm.has_jaw:
             raise RefusedError("jaw", f"{arm.tool or 'the bare arm'} has no jaw")
+        if verb == "move_jp":
+            return _goal(message, ("jaw",), "jaw.")
         return f"jaw.{verb}", {argument: joints(message, values, ("jaw",))}
 
     return read
@@ -195,7 +216,7 @@ def _wrench_verb(frame: str) -> Reader:
     )
 
 
-def _servo_cs(message: Message, arm: ArmDescription) -> Verb:
+def _servo_cs(message: Message, arm: ArmDescription) -> NotedVerb:
     """Follow the pose, or exert the wrench; the velocity is not needed, a servo has its own."""
     valid = {what: flag(message, f"{what}_is_valid.data") for what in ("pose", "twist", "wrench")}
     if valid["pose"] == valid["wrench"]:
@@ -244,8 +265,8 @@ def _brakes(message: Message, arm: ArmDescription) -> Verb:  # noqa: ARG001
 def _ratio(of: str) -> Reader:
     def read(message: Message, arm: ArmDescription) -> Verb:  # noqa: ARG001
         ratio = number(message, "data")
-        if not RATIO_MIN <= ratio <= 1.0:
-            raise RefusedError("ratio", f"got a ratio of {ratio:g}; allowed: {RATIO_MIN:g} to 1")
+        if not 0.0 < ratio <= 1.0:
+            raise RefusedError("ratio", f"got a ratio of {ratio:g}; allowed: above 0 to 1")
         return "set_trajectory_ratio", {"ratio": ratio, "of": of}
 
     return read
@@ -298,10 +319,10 @@ EVERY = (
     latched("operating_state", STATE, "state, is_homed, is_busy; again every second"),
     latched("desired_state", STRING, "the last commanded state",
             first=lambda arm: {"data": arm.state}),
-    event("goal_reached", BOOL, "whether a move reached its goal"),
-    event("error", STRING, "why the arm is in FAULT"),
-    event("warning", STRING, "what was rejected or clipped, and why"),
-    event("status", STRING, "other events"),
+    latched("goal_reached", BOOL, "whether a move reached its goal"),
+    latched("error", STRING, "why the arm is in FAULT"),
+    latched("warning", STRING, "what was rejected or clipped, and why"),
+    latched("status", STRING, "other events"),
     command("state_command", COMMAND, "", "enable, disable, home, unhome, pause, resume", _state),
     state("measured_js", JOINTS, SI, "measured joints, jaw or gripper not included", _joints("")),
     state("measured_cp", POSE, PLACE, "the tip, in the frame that the header names",
@@ -310,7 +331,7 @@ EVERY = (
             _tip(False, True)),
     command("servo_jp", JOINTS, "rad, m", "set-points now; may carry velocities", _servo_jp, True),
     command("move_jp", JOINTS, "rad, m", "a goal, reached within the arm's limits",
-            _joint_verb("move_jp")),
+            _move_jp),
 )  # fmt: skip
 
 #: Of arms with motors of their own: PSM, ECM, MTM.
@@ -334,8 +355,8 @@ MOVERS = (
             partial(_jacobian, frame="body")),
     state("spatial/jacobian", MATRIX, "", "6 x n, about the base frame's origin",
             partial(_jacobian, frame="spatial")),
-    latched("trajectory_j/ratio", FLOAT, "ratio of both limits that moves keep to",
-            content=lambda arm: {"data": min(arm.ratios)}),
+    latched("trajectory_j/ratio", FLOAT, "ratio of both limits; 0 while they differ",
+            content=lambda arm: {"data": arm.ratios[0] if len(set(arm.ratios)) == 1 else 0.0}),
     latched("trajectory_j/ratio_v", FLOAT, "ratio of the velocity limits",
             content=lambda arm: {"data": arm.ratios[0]}),
     latched("trajectory_j/ratio_a", FLOAT, "ratio of the acceleration limits",
@@ -364,11 +385,11 @@ MOVERS = (
             _switch("use_gravity_compensation")),
     command("body/set_cf_orientation_absolute", BOOL, "",
             "wrenches in axes of measured_cp's frame", _switch("set_cf_orientation_absolute")),
-    command("trajectory_j/set_ratio", FLOAT, "0.002 to 1",
+    command("trajectory_j/set_ratio", FLOAT, "above 0 to 1",
             "ratio of both limits, for new moves", _ratio("both")),
-    command("trajectory_j/set_ratio_v", FLOAT, "0.002 to 1", "ratio of the velocity limits",
+    command("trajectory_j/set_ratio_v", FLOAT, "above 0 to 1", "ratio of the velocity limits",
             _ratio("velocity")),
-    command("trajectory_j/set_ratio_a", FLOAT, "0.002 to 1", "ratio of the acceleration limits",
+    command("trajectory_j/set_ratio_a", FLOAT, "above 0 to 1", "ratio of the acceleration limits",
             _ratio("acceleration")),
     command("set_base_frame", POSE, PLACE, "the arm's base in measured_cp's frame", _base_frame),
 )  # fmt: skip
@@ -389,7 +410,7 @@ PSM = (
     command("jaw/servo_jf", JOINTS, "N m", "the jaw's effort", _jaw_verb("servo_jf"), True),
     command("set_tool_type", STRING, "", "mount a tool, NAME:CODE[VERSION]", _tool),
     latched("tool_type", STRING, "the mounted tool", content=lambda arm: {"data": arm.tool}),
-    event("tool_type_request", EMPTY, "a tool of unknown kind was mounted"),
+    latched("tool_type_request", EMPTY, "a tool of unknown kind was mounted"),
     command("emulate_adapter_present", BOOL, "", "as if the sterile adapter were mounted",
             _switch("emulate_adapter_present")),
     command("emulate_tool_present", BOOL, "", "as if a tool were mounted or taken off",
@@ -410,7 +431,7 @@ MTM = (
     state("gripper/measured_js", JOINTS, "rad, N m", "the measured opening", _joints("", "end")),
     command("gripper/servo_jp", JOINTS, "rad", "hold an opening, as by fingers; wide open: release",
             _gripper, True),
-    event("gripper/pinch", EMPTY, "the gripper was shut"),
+    latched("gripper/pinch", EMPTY, "the gripper was shut"),
     latched("gripper/closed", BOOL, "whether it is shut", content=lambda arm: {"data": arm.closed}),
     command("lock_orientation", "geometry_msgs/Quaternion", "xyzw", "an orientation for the gimbal",
             _lock),
@@ -461,8 +482,13 @@ def _bound_make(make: Any, name: str) -> Make:
 
 def _bound_read(read: Any, name: str, topic: str, acts: Mapping[str, Act]) -> Any:
     def command(message: Message, arm: ArmDescription) -> Command:
-        verb, values = read(message, arm)
+        try:
+            verb, values, *note = read(message, arm)
+        except DoubtfulError as doubt:
+            return msgspec.structs.replace(command(doubt.message, arm), note=str(doubt))
         act = acts.get(verb)
-        return Command(name, verb, values, topic, "", act and partial(act, name, values))
+        return Command(
+            name, verb, values, topic, "", act and partial(act, name, values), "".join(note)
+        )
 
     return command

@@ -30,7 +30,6 @@ from trocar.ros.topic import (
     Read,
     Topic,
     command,
-    event,
     latched,
     state,
 )
@@ -278,9 +277,9 @@ def console_topics(rig: RigDescription, emit: Emit) -> list[Topic]:
         command(sound[1], MATRIX, "s, Hz, 0 to 1", "duration, frequency, volume",
                 shows(sound[1], _beep)),
         command(words, STRING, "", "text for the log", shows(words, _speech)),
-        event("system/error", STRING, "errors that concern no single arm"),
-        event("system/warning", STRING, "rejections that concern no single arm"),
-        event("system/status", STRING, "other events"),
+        latched("system/error", STRING, "errors that concern no single arm"),
+        latched("system/warning", STRING, "rejections that concern no single arm"),
+        latched("system/status", STRING, "other events"),
         *(
             command(
                 f"console/{name}",
@@ -316,8 +315,8 @@ TELEOP_CONSOLE = (
     latched("console/teleop/enabled", BOOL, "whether it is on"),
     command("console/teleop/select", STRING, "", "a component to use"),
     command("console/teleop/unselect", STRING, "", "a component not to use"),
-    event("console/teleop/selected", STRING, "a component that was selected"),
-    event("console/teleop/unselected", STRING, "a component that was unselected"),
+    latched("console/teleop/selected", STRING, "a component that was selected"),
+    latched("console/teleop/unselected", STRING, "a component that was unselected"),
     command("console/teleop/set_scale", FLOAT, "", "motion of instruments per masters'"),
     latched("console/teleop/scale", FLOAT, "motion of instruments per masters'"),
 )
@@ -330,9 +329,9 @@ TELEOP = (
     latched("following", BOOL, "whether the instrument follows"),
     latched("scale", FLOAT, "motion of the instrument per master's"),
     command("set_scale", FLOAT, "", "motion of the instrument per master's"),
-    event("error", STRING, "why the component is DISABLED"),
-    event("warning", STRING, "what keeps it from following"),
-    event("status", STRING, "other events"),
+    latched("error", STRING, "why the component is DISABLED"),
+    latched("warning", STRING, "what keeps it from following"),
+    latched("status", STRING, "other events"),
 )
 
 #: Of one that moves an instrument.

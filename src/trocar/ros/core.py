@@ -184,7 +184,7 @@ class Core:
             pictures, loop.world, seen, camera_rate_hz, self._wanted, self._hand
         )
         self._thread: threading.Thread | None = None
-        self._lock, self._rate_limit = threading.Lock(), RateLimit()
+        self._lock, self._rate_limit, self._noted = threading.Lock(), RateLimit(), RateLimit(inf)
         self._ends: list[Callable[[], None]] = []
         self.refused = 0
         self._described: RigDescription | None = None
@@ -279,6 +279,8 @@ class Core:
                         command = expiring(command, self._setpoint_timeout_s)
                 if not self.loop.post(command):
                     raise RefusedError("full", "too many pending commands")
+                if command.note:
+                    self._note(command, peer)
             if sent is not None:
                 self._stamps.remember((topic.name, peer), sent, self.loop.now)
         except InputError as problem:
@@ -345,6 +347,7 @@ class Core:
     def forget_refusals(self) -> None:
         """Forget which rejections were reported: the next ones are reported at once."""
         self._rate_limit.forget()
+        self._noted.forget()
 
     # ------------------------------------------------------------------ out
 
@@ -385,6 +388,14 @@ class Core:
         }
 
     # ------------------------------------------------------------------ inside
+
+    def _note(self, command: Command, peer: str) -> None:
+        """Report what is odd about a message that was accepted, once for each client and topic."""
+        if self._noted.due((command.topic, peer), self.loop.now) is not None:
+            _log.warning("%s from %s: %s", command.topic, peer or "the simulator", command.note)
+            topic = self.topics[command.topic]
+            before = self.prefixes.get(topic.arm, "system")
+            self.emit(f"{before}/warning", {"data": f"{topic.key}: {command.note}"})
 
     def _share(self, arm: str, peer: str, others: Sequence[str]) -> None:
         """Report that several clients command an arm.

@@ -125,7 +125,7 @@ def state(
 
 
 def event(name: str, kind: str, text: str, unit: str = "", latched: bool = False) -> Topic:
-    """Return the row of a topic that is published when something happens."""
+    """Return the row of a topic whose messages late subscribers must not get: commands."""
     return Topic(name, kind, "pub", latched=latched, unit=unit, help=text)
 
 
@@ -137,7 +137,10 @@ def latched(
     content: Content | None = None,
     first: Content | None = None,
 ) -> Topic:
-    """Return the row of an event whose last message late subscribers get."""
+    """Return the row of an event whose last message late subscribers get.
+
+    The dVRK latches every event. Source: cisst-ros 73aca61, mtsROSBridge.h:828 and :845.
+    """
     return replace(event(name, kind, text, unit, latched=True), content=content, first=first)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
+from math import isfinite
 from typing import TYPE_CHECKING
 
 from trocar.descriptions.teleops import TeleopDescription
@@ -118,10 +119,10 @@ class TeleopComponent:
         """Change the ratio of translations; the slave does not jump.
 
         Raises:
-            InputError: not above 0 to 1
+            InputError: not finite
         """
-        if not 0.0 < scale <= 1.0:
-            raise InputError(f"{self.name}: got a scale of {scale:g}; allowed: above 0 to 1")
+        if not isfinite(scale):
+            raise InputError(f"{self.name}: got a scale of {scale:g}; allowed: finite")
         self.scale = scale
         self.publish("scale", scale)
         if self.following:

@@ -13,12 +13,14 @@ from __future__ import annotations
 import logging
 import select
 import socket
+import struct
 import sys
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
+from itertools import count
 from typing import TYPE_CHECKING, Any
 
 from trocar.errors import InputError, TrocarError
@@ -48,6 +50,8 @@ SERVICE_S = 5.0
 WATCH_S = 2.0
 #: Longest time to unregister. Source: our own choice; it takes tenths of a second. [s]
 FAREWELL_S = 10.0
+#: Where a header begins: the number of the message among its publisher's.
+SEQUENCE = struct.Struct("<I")
 GONE = "ROS 1: the master at %s is unreachable; the simulation and existing connections continue"
 
 
@@ -73,13 +77,21 @@ class Rospy:
     registration: Any
 
     def message_class(self, kind: MessageType) -> Any:
-        """Return a class of messages that hold their bytes in `data`."""
+        """Return a class of messages that hold their bytes in `data`.
 
-        def init(own: Any, data: bytes = b"") -> None:
-            own.data = data
+        `seq` is written as the number of the message where it begins with a header.
+        """
+        numbered = bool(kind.fields) and kind.fields[0].type == "std_msgs/Header"
+
+        def init(own: Any, data: bytes = b"", seq: int = 0) -> None:
+            own.data, own.seq = data, seq
 
         def serialize(own: Any, buffer: Any) -> None:
-            buffer.write(own.data)
+            if not numbered:
+                buffer.write(own.data)
+                return
+            buffer.write(SEQUENCE.pack(own.seq % 2**32))
+            buffer.write(memoryview(own.data)[SEQUENCE.size :])
 
         def deserialize(own: Any, data: bytes) -> Any:
             own.data = data
@@ -89,13 +101,13 @@ class Rospy:
             kind.name.replace("/", "_"),
             (self.genpy.Message,),
             {
-                "__slots__": ("data",),
+                "__slots__": ("data", "seq"),
                 "__init__": init,
                 "__module__": __name__,
                 "_type": kind.name,
                 "_md5sum": kind.md5,
                 "_full_text": kind.text_ros1,
-                "_has_header": False,  # rospy would write its sequence number into an attribute
+                "_has_header": False,  # rospy would count a message for each of its subscribers
                 "_slot_types": ("uint8[]",),
                 "serialize": serialize,
                 "deserialize": deserialize,
@@ -193,6 +205,7 @@ class Ros1Transport:
         self.node = node
         self.greeting = ""
         self._publishers: dict[str, Any] = {}
+        self._sent: dict[str, Iterator[int]] = {}
         self._subscribers = Subscribers()
         self._over = threading.Event()
         self._watcher: threading.Thread | None = None
@@ -267,6 +280,7 @@ class Ros1Transport:
             latch=topic.latched,
             queue_size=topic.depth,
         )
+        self._sent[topic.name] = count()
         if topic.rate not in ("event", "camera"):
             publisher.impl.set_queue_size(None)
         last = self._core.latched(topic.name)
@@ -277,7 +291,7 @@ class Ros1Transport:
         try:
             kind = message_type(topic.type)
             data = message if isinstance(message, bytes) else ros1_encode(kind, message)
-            made, impl = publisher.data_class(data), publisher.impl
+            made, impl = publisher.data_class(data, next(self._sent[topic.name])), publisher.impl
             if topic.latched or impl.queue_size is not None:
                 publisher.publish(made)
                 return

@@ -13,6 +13,7 @@ from trocar.errors import InputError, MissingExtraError
 from trocar.live import Command, Loop
 from trocar.ros import Core
 from trocar.ros.core import topic_table
+from trocar.ros.publishing import spoken
 from trocar.ros.sampler import WAITING_S
 from trocar.ros.transports.memory import MemoryTransport
 from trocar.simulation import World
@@ -114,10 +115,10 @@ def test_a_goal_that_was_reached_is_told() -> None:
 def test_another_tool_is_told_and_its_poses_are_published() -> None:
     served, _ = settle()
     served.transport.want("PSM1/measured_cp", "PSM1/jaw/measured_js")
-    assert served.core.latched("PSM1/tool_type") == {"data": "LARGE_NEEDLE_DRIVER:400006"}
+    assert served.core.latched("PSM1/tool_type") == {"data": "LARGE_NEEDLE_DRIVER:400006[..]"}
     served.loop.post(Command("PSM1", "set_tool_type", {"name": "PROGRASP_FORCEPS:420093"}))
     served.run(0.05)
-    assert served.core.latched("PSM1/tool_type") == {"data": "PROGRASP_FORCEPS:420093"}
+    assert served.core.latched("PSM1/tool_type") == {"data": "PROGRASP_FORCEPS:420093[..13]"}
     p = served.last("PSM1/measured_cp")["pose"]["position"]
     expected = served.world.arm("PSM1").measured_cp().matrix[:3, 3]
     np.testing.assert_allclose([p["x"], p["y"], p["z"]], expected, atol=1e-6)
@@ -325,3 +326,28 @@ def test_a_late_subscriber_gets_the_last_goal_warning_and_status() -> None:
     served.run(0.5)
     assert served.core.latched("PSM1/goal_reached") == {"data": True}
     assert "allowed: 6 numbers" in served.core.latched("PSM1/warning")["data"]
+
+
+def test_states_are_reported_in_words_with_the_arms_name() -> None:
+    """Source: recorded answers of the dVRK's software, steps A7 and A27."""
+    served, _ = settle()
+    assert served.core.latched("PSM1/status") == {"data": "PSM1: current state HOMED"}
+    for verb in ("disable", "enable"):
+        served.loop.post(Command("PSM1", "state_command", {"name": verb}))
+        served.run(0.05)
+    told = [m["data"] for m in served.messages("PSM1/status")][1:]
+    assert told[:2] == ["PSM1: desired state DISABLED", "PSM1: current state DISABLED"]
+    assert told[2] == "PSM1: desired state ENABLED"
+    assert told[3].startswith("PSM1: current state ")
+
+
+@pytest.mark.parametrize(
+    ("arm", "text", "expected"),
+    [
+        ("PSM1", "hot", "PSM1: hot"),
+        ("PSM1", "PSM1: hot", "PSM1: hot"),
+        ("SUJ_PSM1", "hot", "PSM1 SUJ: hot"),
+    ],
+)
+def test_a_message_begins_with_its_arm_once(arm: str, text: str, expected: str) -> None:
+    assert spoken(arm, text) == expected

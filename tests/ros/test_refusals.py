@@ -54,13 +54,11 @@ BAD = [
     ("move_cp", {"pose": pose(xyz(0.0, 0.0, 0.0))}, "pose.orientation is missing"),
     ("state_command", state("fly"), "allowed: enable, disable, home, unhome, pause, resume"),
     ("state_command", {"string": 3}, "allowed: a string"),
-    ("trajectory_j/set_ratio", {"data": 0.0}, "allowed: above 0 to 1"),
-    ("trajectory_j/set_ratio_v", {"data": 2.0}, "allowed: above 0 to 1"),
+    ("trajectory_j/set_ratio", {"data": 0.0}, "allowed: above 0, up to 1"),
+    ("trajectory_j/set_ratio_v", {"data": 2.0}, "allowed: above 0, up to 1"),
     ("use_gravity_compensation", {"data": 1}, "allowed: true or false"),
     ("set_base_frame", pose(xyz(0.0, 0.0, 0.0), quaternion(w=0.0)), "of norm 0"),
     ("set_base_frame", pose(xyz(0.0, 0.0, 0.0), frame_id="x" * 300), "up to 256"),
-    ("set_tool_type", {"data": "/etc/passwd"}, "LARGE_NEEDLE_DRIVER:400006"),
-    ("set_tool_type", {"data": "../../tool.toml"}, "or none"),
     ("jaw/move_jp", joints(NAN), r"position[0] nan"),
     ("jaw/servo_jp", joints(), "got 0 numbers in position; allowed: 1, for jaw"),
     ("jaw/servo_jf", joints(0.1), "got 0 numbers in effort"),
@@ -102,7 +100,7 @@ def test_a_stamp_that_goes_back_is_refused_until_the_stream_was_silent():
     served.run(0.02)
     np.testing.assert_allclose(setpoints(served), HOME)
     older, shared = (warning["data"] for warning in served.messages("PSM1/warning"))
-    assert "older than" in older and shared.startswith("b commands PSM1 beside a")
+    assert "older than" in older and shared.startswith("PSM1: b commands PSM1 beside a")
     served.clock.time += 10.0
     assert send("PSM1/servo_jp", stamped(joints(*FAR), (1, 0)), "a")
 

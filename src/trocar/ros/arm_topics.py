@@ -31,6 +31,7 @@ from trocar.ros.message_fields import (
     vector,
     wrench,
 )
+from trocar.ros.sampler import current_state
 from trocar.ros.topic import (
     BOOL,
     COMMAND,
@@ -57,7 +58,7 @@ from trocar.ros.topic import (
 )
 from trocar.simulation.arm import STATE_COMMANDS
 from trocar.simulation.controllers import CartesianImpedance, HalfPlaneGains
-from trocar.simulation.readout import ArmReadout
+from trocar.simulation.readout import ArmReadout, turned
 from trocar.simulation.records import ArmStatus
 
 if TYPE_CHECKING:
@@ -79,17 +80,16 @@ NO_TOOL = ("", "none", "NONE")
 # ---------------------------------------------------------------------- messages from readings
 
 
-def _joints(prefix: str, part: str = "own") -> Callable[[ArmReadout, Stamp], Any]:
+NOTHING = np.zeros(0)
+
+
+def _joints(prefix: str) -> Callable[[ArmReadout, Stamp], Any]:
     """Return the maker of a JointState: prefix "" for measured, "setpoint_" for set-points."""
     q, qd, effort = f"{prefix}q", f"{prefix}qd", f"{prefix}effort"
 
     def make(arm: ArmReadout, stamp: Stamp) -> Any:
         s, own = arm.sample, arm.own
-        if part == "end":
-            if own.stop == len(arm.names):
-                return None
-            own = slice(-1, None)
-        names = arm.names[own]
+        names = _setup_names(arm.name, own.stop) if arm.arm.type == "SUJ" else arm.names[own]
         return build.joints(
             stamp, names, getattr(s, q)[own], getattr(s, qd)[own], getattr(s, effort)[own]
         )
@@ -97,7 +97,32 @@ def _joints(prefix: str, part: str = "own") -> Callable[[ArmReadout, Stamp], Any
     return make
 
 
-NOTHING = np.zeros(0)
+def _end(prefix: str, *parts: str) -> Callable[[ArmReadout, Stamp], Any]:
+    """Return the maker of a jaw's or gripper's JointState.
+
+    Args:
+        prefix: "" for measured, "setpoint_" for set-points
+        parts: "q", "qd", "effort": which fields have numbers. Source: recorded answers of the
+            dVRK's software, and SAW 9e535e6, mtsIntuitiveResearchKitMTM.cpp:104
+    """
+
+    def make(arm: ArmReadout, stamp: Stamp) -> Any:
+        if arm.own.stop == len(arm.names):
+            return None
+        s = arm.sample
+        found = (getattr(s, f"{prefix}{p}")[-1:] if p in parts else NOTHING for p in FIELDS)
+        return build.joints(stamp, arm.names[-1:], *found)
+
+    return make
+
+
+FIELDS = ("q", "qd", "effort")
+
+
+@lru_cache(maxsize=64)
+def _setup_names(arm: str, count: int) -> tuple[str, ...]:
+    """Return the names of setup joints in messages. Source: SAW 9e535e6, SUJ.cpp:105."""
+    return tuple(f"{arm}_J{k}" for k in range(count))
 
 
 def _gravity(arm: ArmReadout, stamp: Stamp) -> Any:
@@ -114,17 +139,26 @@ def _tip(setpoint: bool, local: bool) -> Callable[[ArmReadout, Stamp], Any]:
     return make
 
 
-def _twist(local: bool) -> Callable[[ArmReadout, Stamp], Any]:
-    def make(arm: ArmReadout, stamp: Stamp) -> Any:
-        frame = arm.own_frame if local else arm.base_frame
-        return build.twist_stamped(stamp, frame, arm.twist(local=local))
+def _measured_cv(arm: ArmReadout, stamp: Stamp) -> Any:
+    """Make a TwistStamped; its header names the arm's own base whatever the base frame is.
 
-    return make
+    Source: SAW 9e535e6, mtsIntuitiveResearchKitArm.cpp:292 and :2280, and recorded answers.
+    """
+    return build.twist_stamped(stamp, arm.own_frame, arm.twist(local=False))
+
+
+def _local_measured_cv(arm: ArmReadout, stamp: Stamp) -> Any:
+    """Make a TwistStamped in axes of the tip, though its header names the base.
+
+    Source: SAW 9e535e6, mtsIntuitiveResearchKitArm.cpp:993: the body Jacobian's velocities.
+    """
+    R = arm.tip(setpoint=False, local=True)[:3, :3]
+    return build.twist_stamped(stamp, arm.own_frame, turned(R.T, arm.twist(local=True)))
 
 
 def _wrench(arm: ArmReadout, stamp: Stamp, frame: Any) -> Any:
-    name = arm.name if frame == "body" else arm.own_frame
-    return build.wrench_stamped(stamp, name, arm.wrench(frame))
+    """Make a WrenchStamped; no frame is named, as in SAW 9e535e6, Arm.cpp:305."""
+    return build.wrench_stamped(stamp, "", arm.wrench(frame))
 
 
 def _jacobian(arm: ArmReadout, stamp: Stamp, frame: Any) -> Any:  # noqa: ARG001  as every make
@@ -133,6 +167,10 @@ def _jacobian(arm: ArmReadout, stamp: Stamp, frame: Any) -> Any:  # noqa: ARG001
 
 def _up(arm: ArmStatus) -> dict[str, Any]:  # noqa: ARG001  as every content
     return build.joy(0)
+
+
+def _first_status(arm: ArmStatus) -> dict[str, Any]:
+    return {"data": f"current state {current_state(arm.state, arm.homed, arm.busy)}"}
 
 
 # ---------------------------------------------------------------------- verbs from messages
@@ -266,7 +304,7 @@ def _ratio(of: str) -> Reader:
     def read(message: Message, arm: ArmDescription) -> Verb:  # noqa: ARG001
         ratio = number(message, "data")
         if not 0.0 < ratio <= 1.0:
-            raise RefusedError("ratio", f"got a ratio of {ratio:g}; allowed: above 0 to 1")
+            raise RefusedError("ratio", f"got a ratio of {ratio:g}; allowed: above 0, up to 1")
         return "set_trajectory_ratio", {"ratio": ratio, "of": of}
 
     return read
@@ -303,13 +341,25 @@ def _tool(message: Message, arm: ArmDescription) -> Verb:
     for tool in (name, name.partition("[")[0]):
         if tool in known:
             return "set_tool_type", {"name": tool}
-    raise RefusedError("tool", f"got {name!r}; allowed: {', '.join(known)}, or none")
+    return "reject_type", {"kind": "tool", "name": name, "known": (*known, "none")}
+
+
+def full_name(tool: str) -> str:
+    """Return a tool's name with its versions, "" for none.
+
+    Source: SAW 9e535e6, mtsToolList.cpp:262 and share/tool/index.json: newer versions of two
+    instruments are geared, and have files of their own.
+    """
+    return tool and f"{tool}[{TOOL_VERSIONS.get(tool, '..')}]"
+
+
+TOOL_VERSIONS = {"LARGE_NEEDLE_DRIVER:420006": "..11", "PROGRASP_FORCEPS:420093": "..13"}
 
 
 def _endoscope(message: Message, arm: ArmDescription) -> Verb:  # noqa: ARG001
     name = text(message, "data")
     if name not in ENDOSCOPES:
-        raise RefusedError("endoscope", f"got {name!r}; allowed: {', '.join(ENDOSCOPES)}")
+        return "reject_type", {"kind": "endoscope", "name": name, "known": tuple(ENDOSCOPES)}
     return "set_endoscope_type", {"name": name}
 
 
@@ -322,7 +372,8 @@ EVERY = (
     latched("goal_reached", BOOL, "whether a move reached its goal"),
     latched("error", STRING, "why the arm is in FAULT"),
     latched("warning", STRING, "what was rejected or clipped, and why"),
-    latched("status", STRING, "other events"),
+    latched("status", STRING, "states, desired and current, and other events",
+            first=_first_status),
     command("state_command", COMMAND, "", "enable, disable, home, unhome, pause, resume", _state),
     state("measured_js", JOINTS, SI, "measured joints, jaw or gripper not included", _joints("")),
     state("measured_cp", POSE, PLACE, "the tip, in the frame that the header names",
@@ -343,9 +394,9 @@ MOVERS = (
             _tip(True, False)),
     state("local/setpoint_cp", POSE, PLACE, "the same in the arm's own base frame",
             _tip(True, True)),
-    state("measured_cv", TWIST, SPEED, "of the tip, in axes of measured_cp's frame", _twist(False)),
-    state("local/measured_cv", TWIST, SPEED, "of the tip, in axes of its own base frame",
-            _twist(True)),
+    state("measured_cv", TWIST, SPEED, "of the tip, in axes of measured_cp's frame", _measured_cv),
+    state("local/measured_cv", TWIST, SPEED, "of the tip, in its own axes (see errata)",
+            _local_measured_cv),
     state("body/measured_cf", WRENCH, FORCE, "wrench of the motors at the tip, in its axes",
             partial(_wrench, frame="body")),
     state("spatial/measured_cf", WRENCH, FORCE,
@@ -401,15 +452,16 @@ CLUTCHES = (
 )
 
 PSM = (
-    state("jaw/measured_js", JOINTS, "rad, N m", "the measured opening", _joints("", "end")),
-    state("jaw/setpoint_js", JOINTS, "rad, N m", "set-point of the opening",
-            _joints("setpoint_", "end")),
+    state("jaw/measured_js", JOINTS, "rad, N m", "the measured opening", _end("", *FIELDS)),
+    state("jaw/setpoint_js", JOINTS, "rad, N m", "set-point of the opening, without velocity",
+            _end("setpoint_", "q", "effort")),
     command("jaw/servo_jp", JOINTS, "rad", "an opening now", _jaw_verb("servo_jp"), True),
     command("jaw/move_jp", JOINTS, "rad", "an opening to go to; below 0 it grips",
             _jaw_verb("move_jp")),
     command("jaw/servo_jf", JOINTS, "N m", "the jaw's effort", _jaw_verb("servo_jf"), True),
     command("set_tool_type", STRING, "", "mount a tool, NAME:CODE[VERSION]", _tool),
-    latched("tool_type", STRING, "the mounted tool", content=lambda arm: {"data": arm.tool}),
+    latched("tool_type", STRING, "the mounted tool, NAME:CODE[VERSION]; ERROR: unknown",
+            content=lambda arm: {"data": full_name(arm.tool)}),
     latched("tool_type_request", EMPTY, "a tool of unknown kind was mounted"),
     command("emulate_adapter_present", BOOL, "", "as if the sterile adapter were mounted",
             _switch("emulate_adapter_present")),
@@ -428,7 +480,8 @@ ECM = (
 )
 
 MTM = (
-    state("gripper/measured_js", JOINTS, "rad, N m", "the measured opening", _joints("", "end")),
+    state("gripper/measured_js", JOINTS, "rad", "the measured opening, position only",
+            _end("", "q")),
     command("gripper/servo_jp", JOINTS, "rad", "hold an opening, as by fingers; wide open: release",
             _gripper, True),
     latched("gripper/pinch", EMPTY, "the gripper was shut"),

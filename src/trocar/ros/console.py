@@ -16,7 +16,7 @@ from trocar.live.inbox import Command
 from trocar.live.loop import Loop
 from trocar.live.state import PATIENT, Elapsed
 from trocar.ros import message_builders as build
-from trocar.ros.arm_topics import Act, state_verb
+from trocar.ros.arm_topics import Act, full_name, state_verb
 from trocar.ros.message_fields import RefusedError, button, number, text, vector
 from trocar.ros.topic import (
     BOOL,
@@ -62,7 +62,8 @@ BUTTONS = {
 #: Names of a beep's numbers, and the largest of each. Source: SAW system component; the bounds are
 #: our own choice, the frequency's is that of dvrk_python's own example. [s, Hz, 0 to 1]
 BEEP = (("duration", 60.0), ("frequency", 50_000.0), ("volume", 1.0))
-VOLUME = 1.0
+#: Volume at the start. Source: SAW system_configuration, audio_volume.
+VOLUME = 0.5
 
 
 class Bedside:
@@ -91,6 +92,7 @@ class Bedside:
             return {verb: partial(self._move_setup, verb) for verb in verbs}
         return {
             "set_tool_type": lambda arm, values, world: self._mount(world, arm, values["name"]),
+            "reject_type": self._reject_type,
             "emulate_tool_present": lambda arm, values, world: self._put(world, arm, values["on"]),
             "emulate_adapter_present": self._adapt,
             "set_endoscope_type": lambda arm, values, world: self.emit(  # noqa: ARG005
@@ -105,10 +107,19 @@ class Bedside:
     def _mount(self, world: World, name: str, tool: str) -> None:
         arm = world.arm(name)
         if (arm.description.tool or NO_TOOL) == tool:
+            self.emit(f"{name}/tool_type", {"data": full_name(arm.description.tool)})
             return
         if tool != NO_TOOL:
             self._check_adapter(name)
         arm.runtime.set_tool_type(tool)
+
+    def _reject_type(self, name: str, values: Mapping[str, Any], world: World) -> None:  # noqa: ARG002
+        """Report an unknown tool or endoscope. Source: SAW 9e535e6, PSM.cpp:1733, ECM.cpp:457."""
+        kind, allowed = values["kind"], ", ".join(values["known"])
+        text = f"{kind} type {values['name']!r} is not supported; allowed: {allowed}"
+        _log.warning("%s: %s", name, text)
+        self.emit(f"{name}/error", {"data": text})
+        self.emit(f"{name}/{kind}_type", {"data": "ERROR"})
 
     def _put(self, world: World, name: str, on: bool) -> None:
         """Put the last tool on again, or take the tool off."""

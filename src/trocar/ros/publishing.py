@@ -27,6 +27,15 @@ REPEAT_RATE_HZ = 1.0
 Out = list[tuple[Topic, Message]]
 
 
+def spoken(arm: str, text: str) -> str:
+    """Return a message of an arm with its name in front: "PSM1: ...", "PSM1 SUJ: ...".
+
+    Source: recorded answers of the dVRK's software; SAW 9e535e6, SUJ.cpp:192.
+    """
+    name = f"{arm.removeprefix('SUJ_')} SUJ" if arm.startswith("SUJ_") else arm
+    return text if text.startswith(f"{name}: ") else f"{name}: {text}"
+
+
 class Publishing:
     """Turn samples into messages.
 
@@ -133,6 +142,8 @@ class Publishing:
         if topic.stamped and "header" not in message:
             own = event.stamp or stamp
             message = {"header": {"stamp": own, "frame_id": ""}, **message}
+        if topic.arm and topic.key in ("error", "warning", "status"):
+            message["data"] = spoken(topic.arm, message["data"])
         if topic.key == "operating_state":
             state = message["state"], message["is_homed"], message["is_busy"]
             self._states[event.name.removesuffix("/operating_state")] = state

@@ -59,6 +59,16 @@ def desired_state(entry: Entry) -> str | None:
     return DESIRED.get(str(verb))
 
 
+def current_state(state: str, homed: bool, busy: bool) -> str:
+    """Return the name that the dVRK's status messages have for an operating state.
+
+    Source: SAW 9e535e6, mtsIntuitiveResearchKitArm.cpp:1168, and recorded answers.
+    """
+    if state != "ENABLED":
+        return state
+    return "HOMED" if homed else "HOMING" if busy else "ENABLED"
+
+
 def behind_s(rate_hz: float, tick_s: float) -> float | None:
     """Return the delay of messages after their samples are due by the rate [s]; None: no delay.
 
@@ -108,6 +118,7 @@ class Sampler:
         self._events: deque[Event] = deque(maxlen=EVENTS)
         self._moved: set[str] = set()
         self._held: frozenset[str] = frozenset()
+        self._current: dict[str, str] = {}
         self._stops: list[Callable[[], None]] = []
         self._paused: bool | None = None
         self._timed = False
@@ -118,6 +129,11 @@ class Sampler:
 
     def start(self) -> None:
         """Watch from now on."""
+        arms = self._loop.world.arms
+        for name, before in self._prefixes.items():
+            if name in arms:
+                now = arms[name].operating_state()
+                self._current[before] = current_state(now.state, now.is_homed, now.is_busy)
         self._stops = [self._loop.world.listen(self._hear), self._loop.watch(self)]
 
     def stop(self) -> None:
@@ -217,6 +233,13 @@ class Sampler:
     def _append(self, before: str, key: str, fields: Mapping[str, Any]) -> None:
         stamp = self._stamper.stamp(self._loop.now)
         self._events.append(Event(f"{before}/{key}", fields, stamp))
+        if key == "desired_state":
+            self._append(before, "status", {"data": f"desired state {fields['data']}"})
+        elif key == "operating_state":
+            current = current_state(fields["state"], fields["is_homed"], fields["is_busy"])
+            if self._current.get(before, current) != current:
+                self._append(before, "status", {"data": f"current state {current}"})
+            self._current[before] = current
 
     def _repeat_states(self) -> None:
         """Publish again the state of arms that were commanded to move and changed none by it.

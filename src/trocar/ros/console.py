@@ -18,6 +18,7 @@ from trocar.live.state import PATIENT, Elapsed
 from trocar.ros import message_builders as build
 from trocar.ros.arm_topics import Act, full_name, state_verb
 from trocar.ros.message_fields import RefusedError, button, number, text, vector
+from trocar.ros.period_statistics import teleop_statistics
 from trocar.ros.topic import (
     BOOL,
     COMMAND,
@@ -366,4 +367,5 @@ def teleop_topics(teleops: Sequence[TeleopDescription]) -> list[Topic]:
     for teleop in teleops:
         own = TELEOP + TELEOP_TOOL if teleop.kind == "psm" else TELEOP
         rows += [row.under(teleop.name) for row in own]
+        rows += teleop_statistics(teleop.name)
     return rows

@@ -32,6 +32,7 @@ from trocar.ros import console, images, tf
 from trocar.ros.arm_topics import arm_topics
 from trocar.ros.clock import FIRST_NS, Mode, StampCheck, Stamper
 from trocar.ros.message_fields import RefusedError, stamp
+from trocar.ros.period_statistics import statistics_topics
 from trocar.ros.publishing import Publishing
 from trocar.ros.robot_model import robot_model
 from trocar.ros.sample import Sample
@@ -175,7 +176,7 @@ class Core:
         scripted = {prop.name: f"scene/{prop.name}" for prop in rig.objects if prop.script}
         heard = {**self.prefixes, **scripted}
         self._sampler = Sampler(loop, heard, self.stamper, rate_hz, self._samples, self._report)
-        self._publishing = Publishing(topics, self.prefixes)
+        self._publishing = Publishing(topics, self.prefixes, lambda: loop.now)
         self._waiting: list[Transport] = []
         self._running: tuple[Transport, ...] = ()
         self._begun = False
@@ -512,7 +513,12 @@ def topic_table(
     arms = (arm_topics(arm, beside.acts(arm.arm.type)) for arm in rig.arms)
     later = (replace(row, later=True) for row in console.teleop_topics(rig.teleops))
     rows = chain(
-        *arms, tf.viewer_topics(), console.console_topics(rig, emit), scene_topics(rig), later
+        *arms,
+        statistics_topics(rig),
+        tf.viewer_topics(),
+        console.console_topics(rig, emit),
+        scene_topics(rig),
+        later,
     )
     return tuple(by_name(rows).values())  # each name once: arms of a kind share some
 

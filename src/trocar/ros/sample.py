@@ -18,6 +18,7 @@ from trocar.simulation.readout import ArmReadout, Readout
 from trocar.simulation.records import ArmSample, WorldSample
 
 if TYPE_CHECKING:
+    from trocar.ros.period_statistics import PeriodStatistics
     from trocar.simulation import SensorReading, World
     from trocar.simulation.grasps import Grasp
     from trocar.simulation.objects import ObjectStates
@@ -122,10 +123,18 @@ class Sample:
 
 @dataclass(frozen=True, eq=False)
 class SampleReadings:
-    """A sample and the readings of its arms: the source of messages."""
+    """A sample and the readings of its arms: the source of messages.
+
+    Attributes:
+        sample, readout: as above
+        statistics: periods, by what they are of
+    """
 
     sample: Sample
     readout: Readout
+    statistics: Mapping[str, PeriodStatistics] = field(
+        default_factory=dict[str, "PeriodStatistics"]
+    )
 
     def arm(self, name: str) -> ArmReadout:
         """Return the readings of an arm."""

@@ -19,7 +19,7 @@ from trocar.simulation.records import ArmStatus
 #: A message in memory: its fields by their names in ROS 2, nested; times are (s, ns).
 Message = dict[str, Any]
 Direction = Literal["pub", "sub"]
-Rate = Literal["state", "event", "tf", "camera", "clock"]
+Rate = Literal["state", "event", "tf", "camera", "clock", "statistics"]
 #: Makes a message from a sample; None without data, as for the jaw of a tool that has no jaw.
 Make = Callable[[SampleReadings, Stamp], "Message | None"]
 #: Checks a message, for an arm as it is now or for none, and returns the commands that it is.
@@ -59,8 +59,8 @@ class Topic:
         name: "PSM1/measured_js"; no leading slash
         type: "sensor_msgs/JointState"
         direction: "pub": the simulator publishes it; "sub": it listens
-        rate: of what is published: every period ("state", "tf", "camera", "clock"), or when
-            something happens ("event")
+        rate: of what is published: periodically ("state", "tf", "camera", "clock", "statistics"),
+            or when something happens ("event")
         latched: whether a late subscriber gets the last message
         depth: how many messages wait: 1 where only the newest counts
         unit: of the numbers

@@ -41,6 +41,13 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger("trocar")
 
+#: rospy publishes on /rosout what this logger gets.
+ROSOUT = logging.getLogger("rosout")
+#: Ends of the names of topics whose messages are also on /rosout. Source: cisst-ros 73aca61,
+#: mts_ros_crtk_bridge_provided.cpp.
+LEVELS = {"error": logging.ERROR, "warning": logging.WARNING, "status": logging.INFO}
+STRING = "std_msgs/String"
+
 NODE = "trocar"
 #: Debian 12's (and Ubuntu's, from 22.04 on) names of what `--ros1` needs.
 PACKAGES = "python3-rospy python3-rosmaster python3-std-msgs python3-rosgraph-msgs"
@@ -128,8 +135,13 @@ class Rospy:
             },
         )
 
-    def join(self, node: str, *, anonymous: bool = False) -> None:
+    def join(self, node: str, *, anonymous: bool = False, rosout: bool = False) -> None:
         """Become a node, once in a process; signals, logging and time stay the process's own.
+
+        Args:
+            node: its name
+            anonymous: append a number to the name
+            rosout: publish on /rosout what is logged by the logger of that name
 
         Raises:
             InputError: the process is a node already
@@ -142,11 +154,13 @@ class Rospy:
         logging.getLogger("rospy").setLevel(logging.CRITICAL)
         keep: Callable[..., None] = lambda *_, **__: None  # noqa: E731
         self.rospy.core.configure_logging = keep
-        options = {"disable_signals": True, "disable_rosout": True, "disable_rostime": True}
+        options = {"disable_signals": True, "disable_rosout": not rosout, "disable_rostime": True}
         try:
             self.rospy.init_node(node, argv=[], anonymous=anonymous, **options)
         except (self.rospy.ROSException, ValueError, OSError) as error:
             raise TrocarError(f"--ros1: rospy cannot start its node: {error}") from error
+        ROSOUT.setLevel(logging.INFO)
+        ROSOUT.propagate = False
 
 
 def load() -> Rospy:
@@ -225,7 +239,7 @@ class Ros1Transport:
         self._ros = load()
         self._master = find_master()
         address = settle_address(self._master)
-        self._ros.join(self.node)
+        self._ros.join(self.node, rosout=True)
         for topic in core.topics.values():
             if not topic.later:
                 register = self._advertise if topic.direction == "pub" else self._listen
@@ -270,6 +284,9 @@ class Ros1Transport:
                 continue
             if topic.latched or topic.name in self._subscribers.topics:
                 self._publish(topic, publisher, message)
+            level = LEVELS.get(topic.name.rpartition("/")[2])
+            if level is not None and topic.type == STRING:
+                ROSOUT.log(level, "%s", message["data"])
 
     def _advertise(self, topic: Topic) -> None:
         kind = message_type(topic.type)

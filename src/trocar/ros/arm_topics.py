@@ -395,7 +395,7 @@ MOVERS = (
     state("local/setpoint_cp", POSE, PLACE, "the same in the arm's own base frame",
             _tip(True, True)),
     state("measured_cv", TWIST, SPEED, "of the tip, in axes of measured_cp's frame", _measured_cv),
-    state("local/measured_cv", TWIST, SPEED, "of the tip, in its own axes (see errata)",
+    state("local/measured_cv", TWIST, SPEED, "of the tip, in its own axes",
             _local_measured_cv),
     state("body/measured_cf", WRENCH, FORCE, "wrench of the motors at the tip, in its axes",
             partial(_wrench, frame="body")),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +18,7 @@ from trocar.live.state import PATIENT, Elapsed
 from trocar.ros import message_builders as build
 from trocar.ros.arm_topics import Act, full_name, state_verb
 from trocar.ros.message_fields import RefusedError, button, number, text, vector
-from trocar.ros.period_statistics import teleop_statistics
+from trocar.ros.period_statistics import CONTROL, FRAMES, PUBLISHING
 from trocar.ros.topic import (
     BOOL,
     COMMAND,
@@ -32,11 +32,14 @@ from trocar.ros.topic import (
     Topic,
     command,
     latched,
+    prefix,
     state,
 )
 from trocar.simulation.journal import WORLD, verb_of
 
 if TYPE_CHECKING:
+    from trocar.ros.clock import Stamp
+    from trocar.ros.sample import SampleReadings
     from trocar.simulation import World
     from trocar.simulation.arm import Arm
 
@@ -320,6 +323,37 @@ def console_topics(rig: RigDescription, emit: Emit) -> list[Topic]:
     return rows
 
 
+# ---------------------------------------------------------------------- statistics
+
+STATISTICS = "cisst_msgs/IntervalStatistics"
+CONTROL_HELP = "wall time of a control period, means between samples; no compute times"
+AS_PUBLISHERS = "as publishers"
+
+
+def _statistics(name: str, of: str, says: str) -> Topic:
+    def make(readings: SampleReadings, stamp: Stamp) -> dict[str, Any]:
+        return readings.statistics[of].message(stamp)
+
+    return state(f"{name}/period_statistics", STATISTICS, "s", says, make, "statistics")
+
+
+def statistics_topics(rig: RigDescription) -> Iterator[Topic]:
+    """Return the rows of the periods of arms and of what publishes.
+
+    Source of names: cisst-ros 73aca61, mts_ros_crtk_bridge_provided.cpp.
+    """
+    says = "periods of samples; times to make their messages"
+    yield _statistics("publishers", PUBLISHING, says)
+    for name in ("stats/subscribers", "stats/events"):
+        yield _statistics(name, PUBLISHING, AS_PUBLISHERS)
+    for arm in rig.arms:
+        place = prefix(arm.name, arm.arm)
+        yield _statistics(place, CONTROL, CONTROL_HELP)
+        name = place.lower().replace("/", "_") + ("" if arm.arm.type == "SUJ" else "_arm")
+        yield _statistics(f"stats/publishers_{name}", PUBLISHING, AS_PUBLISHERS)
+        yield _statistics(f"stats/tf_{name}", FRAMES, "periods of tf")
+
+
 # ---------------------------------------------------------------------- teleoperation
 
 TELEOP_CONSOLE = (
@@ -367,5 +401,7 @@ def teleop_topics(teleops: Sequence[TeleopDescription]) -> list[Topic]:
     for teleop in teleops:
         own = TELEOP + TELEOP_TOOL if teleop.kind == "psm" else TELEOP
         rows += [row.under(teleop.name) for row in own]
-        rows += teleop_statistics(teleop.name)
+        publisher = f"stats/publishers_{teleop.name.lower()}_setting"
+        rows.append(_statistics(teleop.name, CONTROL, CONTROL_HELP))
+        rows.append(_statistics(publisher, PUBLISHING, AS_PUBLISHERS))
     return rows

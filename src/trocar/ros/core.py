@@ -32,7 +32,6 @@ from trocar.ros import console, images, tf
 from trocar.ros.arm_topics import arm_topics
 from trocar.ros.clock import FIRST_NS, Mode, StampCheck, Stamper
 from trocar.ros.message_fields import RefusedError, stamp
-from trocar.ros.period_statistics import statistics_topics
 from trocar.ros.publishing import Publishing
 from trocar.ros.robot_model import robot_model
 from trocar.ros.sample import Sample
@@ -514,7 +513,7 @@ def topic_table(
     later = (replace(row, later=True) for row in console.teleop_topics(rig.teleops))
     rows = chain(
         *arms,
-        statistics_topics(rig),
+        console.statistics_topics(rig),
         tf.viewer_topics(),
         console.console_topics(rig, emit),
         scene_topics(rig),

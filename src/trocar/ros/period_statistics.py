@@ -1,27 +1,20 @@
 """Statistics of periods, as the dVRK's software publishes them for each of its components.
 
 Source: cisst fe84bf08, mtsIntervalStatistics.cpp; cisst-ros 73aca61, mtsROSBridge and
-mts_ros_crtk_bridge_provided.cpp (names, 200 ms between messages); IntervalStatistics.msg.
+mts_ros_crtk_bridge_provided.cpp (200 ms between messages); IntervalStatistics.msg.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from functools import partial
+from collections.abc import Mapping
 from math import inf, sqrt
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from trocar.descriptions.records import RigDescription
 from trocar.ros.clock import Stamp
 from trocar.ros.message_builders import header
-from trocar.ros.topic import Topic, prefix, state
-
-if TYPE_CHECKING:
-    from trocar.ros.sample import SampleReadings
 
 #: Length of a window, and rate of messages. Source: as above. [s, Hz]
 WINDOW_S, RATE_HZ = 1.0, 5.0
-TYPE = "cisst_msgs/IntervalStatistics"
 CONTROL, PUBLISHING, FRAMES = "control", "publishing", "tf"
 
 
@@ -81,36 +74,6 @@ FIGURES = (
     *(f"{of}_{what}" for of in ("period", "compute_time") for what in ("min", "max")),
     *COUNTS,
 )
-
-
-def _make(of: str, readings: SampleReadings, stamp: Stamp) -> dict[str, Any]:
-    return readings.statistics[of].message(stamp)
-
-
-def _row(name: str, of: str, text: str) -> Topic:
-    return state(f"{name}/period_statistics", TYPE, "s", text, partial(_make, of), "statistics")
-
-
-def statistics_topics(rig: RigDescription) -> Iterator[Topic]:
-    """Return the rows of arms and of what publishes."""
-    yield _row("publishers", PUBLISHING, "periods of samples; times to make their messages")
-    for name in ("subscribers", "events"):
-        yield _row(f"stats/{name}", PUBLISHING, "as publishers")
-    for arm in rig.arms:
-        place = prefix(arm.name, arm.arm)
-        yield _row(place, CONTROL, CONTROL_HELP)
-        name = place.lower().replace("/", "_") + ("" if arm.arm.type == "SUJ" else "_arm")
-        yield _row(f"stats/publishers_{name}", PUBLISHING, "as publishers")
-        yield _row(f"stats/tf_{name}", FRAMES, "periods of tf")
-
-
-def teleop_statistics(teleop: str) -> Iterator[Topic]:
-    """Return the rows of a teleoperation component."""
-    yield _row(teleop, CONTROL, CONTROL_HELP)
-    yield _row(f"stats/publishers_{teleop.lower()}_setting", PUBLISHING, "as publishers")
-
-
-CONTROL_HELP = "wall time of a control period, means between samples; no compute times"
 
 
 class Stopwatches:

@@ -14,11 +14,11 @@ from trocar.descriptions.records import RigDescription
 from trocar.geometry.rotations import matrix_from_quaternion
 from trocar.geometry.se3 import transform
 from trocar.ros.clock import Stamp
+from trocar.ros.period_statistics import PeriodStatistics
 from trocar.simulation.readout import ArmReadout, Readout
 from trocar.simulation.records import ArmSample, WorldSample
 
 if TYPE_CHECKING:
-    from trocar.ros.period_statistics import PeriodStatistics
     from trocar.simulation import SensorReading, World
     from trocar.simulation.grasps import Grasp
     from trocar.simulation.objects import ObjectStates
@@ -132,9 +132,7 @@ class SampleReadings:
 
     sample: Sample
     readout: Readout
-    statistics: Mapping[str, PeriodStatistics] = field(
-        default_factory=dict[str, "PeriodStatistics"]
-    )
+    statistics: Mapping[str, PeriodStatistics] = field(default_factory=dict[str, PeriodStatistics])
 
     def arm(self, name: str) -> ArmReadout:
         """Return the readings of an arm."""

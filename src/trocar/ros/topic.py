@@ -125,7 +125,7 @@ def state(
 
 
 def event(name: str, kind: str, text: str, unit: str = "", latched: bool = False) -> Topic:
-    """Return the row of a topic whose messages late subscribers must not get: commands."""
+    """Return the row of a topic of which late subscribers get nothing: commands to others."""
     return Topic(name, kind, "pub", latched=latched, unit=unit, help=text)
 
 

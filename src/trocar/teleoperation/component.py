@@ -102,6 +102,7 @@ class TeleopComponent:
         """Request a state."""
         self.desired = state
         self.publish("desired_state", state)
+        self.publish("status", f"{self.name}: desired state {state}")
 
     def press_clutch(self, pressed: bool) -> None:
         """Press or release the clutch: while it is pressed the slave stays."""
@@ -229,6 +230,7 @@ class TeleopComponent:
         if state != self.current:
             self.current = state
             self.publish("current_state", state)
+            self.publish("status", f"{self.name}: current state {state}")
 
     def _disengage(self) -> None:
         self._set_following(False)

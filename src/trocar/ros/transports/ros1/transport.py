@@ -57,7 +57,7 @@ SERVICE_S = 5.0
 WATCH_S = 2.0
 #: Longest time to unregister. Source: our own choice; it takes tenths of a second. [s]
 FAREWELL_S = 10.0
-#: Where a header begins: the number of the message among its publisher's.
+#: First field of a header: the number of the message among its publisher's.
 SEQUENCE = struct.Struct("<I")
 GONE = "ROS 1: the master at %s is unreachable; the simulation and existing connections continue"
 

@@ -147,5 +147,5 @@ def test_every_topic_that_the_simulator_listens_to_is_obeyed(rig):
 
     rows = [t for t in topic_table(load_rig(rig)) if not t.later]
     assert {t.name for t in rows if t.direction == "sub" and t.read is None} == set()
-    made = {t.name for t in rows if t.rate in ("state", "tf")}
+    made = {t.name for t in rows if t.rate in ("state", "tf", "statistics")}
     assert {t.name for t in rows if t.make is not None} == made

@@ -221,8 +221,8 @@ def _goal(message: Message, names: Sequence[str], part: str = "") -> NotedVerb:
     """
     got, count = len(vector(message, "position")), len(names)
     if got < count:
-        note = f"got {got} numbers in position; used: none; allowed: {count}"
-        return f"{part}move_jr", {"dq": np.zeros(count)}, f"{note}, for {', '.join(names)}"
+        note = f"got {got} numbers in position; allowed: {count}, for {', '.join(names)}"
+        return f"{part}move_jr", {"dq": np.zeros(count)}, f"{note}; nothing moves"
     return f"{part}move_jp", {"q": joints(message, "position", names)}
 
 

@@ -536,12 +536,11 @@ def _bound_make(make: Any, name: str) -> Make:
 def _bound_read(read: Any, name: str, topic: str, acts: Mapping[str, Act]) -> Any:
     def command(message: Message, arm: ArmDescription) -> Command:
         try:
-            verb, values, *note = read(message, arm)
+            found = read(message, arm)
         except DoubtfulError as doubt:
             return msgspec.structs.replace(command(doubt.message, arm), note=str(doubt))
+        verb, values, note = found if len(found) == 3 else (*found, "")
         act = acts.get(verb)
-        return Command(
-            name, verb, values, topic, "", act and partial(act, name, values), "".join(note)
-        )
+        return Command(name, verb, values, topic, "", act and partial(act, name, values), note)
 
     return command

@@ -19,7 +19,7 @@ def test_nobody_presses_anything_when_the_simulator_starts(psm):
     psm.run(0.01)
     for name in ("console/operator_present", "footpedals/coag", "console/camera"):
         assert psm.core.latched(name)["buttons"] == [0]
-    assert psm.core.latched("system/volume")["data"] == 1.0
+    assert psm.core.latched("system/volume")["data"] == 0.5
     assert psm.core.latched("PSM1/IO/adapter")["buttons"] == [1]
 
 
@@ -79,13 +79,28 @@ def test_a_tool_comes_off_and_the_same_one_goes_on_again():
     assert served.core.receive("PSM1/set_tool_type", {"data": "PROGRASP_FORCEPS:420093[2]"})
     served.run(0.01)
     assert arm.description.tool == "PROGRASP_FORCEPS:420093"
-    assert served.last("PSM1/tool_type")["data"] == arm.description.tool
+    assert served.last("PSM1/tool_type")["data"] == "PROGRASP_FORCEPS:420093[..13]"
     for on, tool in ((False, ""), (False, ""), (True, "PROGRASP_FORCEPS:420093")):
         assert served.core.receive("PSM1/emulate_tool_present", {"data": on})
         served.run(0.01)
         assert arm.description.tool == tool
         assert served.last("PSM1/IO/tool")["buttons"] == [int(on)]
-    assert not served.core.receive("PSM1/set_tool_type", {"data": "SCALPEL"})
+
+
+@pytest.mark.parametrize("name", ["SCALPEL", "/etc/passwd", "../../tool.toml"])
+def test_an_unknown_tool_is_an_error_and_the_next_one_is_mounted(name):
+    served = Served(wanted=())
+    served.run(0.01)
+    assert served.core.latched("PSM1/tool_type") == {"data": "LARGE_NEEDLE_DRIVER:400006[..]"}
+    assert served.core.receive("PSM1/set_tool_type", {"data": name})
+    served.run(0.01)
+    assert served.core.latched("PSM1/tool_type") == {"data": "ERROR"}
+    (error,) = (message["data"] for message in served.messages("PSM1/error"))
+    assert error.startswith("PSM1: tool type") and "allowed: FENESTRATED" in error
+    for tool in ("LARGE_NEEDLE_DRIVER:400006", "MARYLAND_BIPOLAR_FORCEPS:400172"):
+        assert served.core.receive("PSM1/set_tool_type", {"data": tool})
+        served.run(0.01)
+        assert served.core.latched("PSM1/tool_type") == {"data": f"{tool}[..]"}
 
 
 def test_without_an_adapter_no_tool_holds():
@@ -141,7 +156,7 @@ def test_setup_joints_move_as_in_the_dvrks_simulation_and_hold_again():
 def test_a_masters_orientation_is_locked_by_a_quaternion():
     served = Served("mtm", wanted=())
     arm = served.world.arm("MTML")
-    assert not served.core.receive("MTML/lock_orientation", quaternion(w=0.5))
+    assert not served.core.receive("MTML/lock_orientation", quaternion(w=0.0))
     assert served.core.receive("MTML/lock_orientation", quaternion())
     served.run(0.01)
     assert arm.forces.orientation_locked
@@ -154,9 +169,12 @@ def test_a_masters_orientation_is_locked_by_a_quaternion():
 def test_an_endoscope_is_named():
     served = Served("ecm", wanted=())
     assert served.core.receive("ECM/set_endoscope_type", {"data": "Classic_HD_UP"})
-    assert not served.core.receive("ECM/set_endoscope_type", {"data": "TELESCOPE"})
     served.run(0.01)
     assert served.last("ECM/endoscope_type")["data"] == "Classic_HD_UP"
+    assert served.core.receive("ECM/set_endoscope_type", {"data": "TELESCOPE"})
+    served.run(0.01)
+    assert served.last("ECM/endoscope_type")["data"] == "ERROR"
+    assert "Classic_HD_UP" in served.last("ECM/error")["data"]
 
 
 def test_a_base_frame_is_taken_with_its_name():

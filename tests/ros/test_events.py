@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 
 from tests.ros.served import Served, stamp_ns
+from trocar.descriptions import load_rig
 from trocar.errors import InputError, MissingExtraError
 from trocar.live import Command, Loop
 from trocar.ros import Core
+from trocar.ros.core import topic_table
+from trocar.ros.publishing import spoken
 from trocar.ros.sampler import WAITING_S
 from trocar.ros.transports.memory import MemoryTransport
 from trocar.simulation import World
@@ -18,6 +21,11 @@ from trocar.simulation.rate_limit import BURST
 
 #: What only transports that have a use for it ask for.
 BY_TRANSPORTS = ("robot_description", "tf_static")
+#: Ends of the names of topics that have no message until something happens.
+HAPPENINGS = {
+    *("goal_reached", "error", "warning", "status", "tool_type_request", "pinch"),
+    *("slipped", "dropped", "selected", "unselected"),
+}
 AT_START = "PSM1/operating_state"
 
 
@@ -107,10 +115,10 @@ def test_a_goal_that_was_reached_is_told() -> None:
 def test_another_tool_is_told_and_its_poses_are_published() -> None:
     served, _ = settle()
     served.transport.want("PSM1/measured_cp", "PSM1/jaw/measured_js")
-    assert served.core.latched("PSM1/tool_type") == {"data": "LARGE_NEEDLE_DRIVER:400006"}
+    assert served.core.latched("PSM1/tool_type") == {"data": "LARGE_NEEDLE_DRIVER:400006[..]"}
     served.loop.post(Command("PSM1", "set_tool_type", {"name": "PROGRASP_FORCEPS:420093"}))
     served.run(0.05)
-    assert served.core.latched("PSM1/tool_type") == {"data": "PROGRASP_FORCEPS:420093"}
+    assert served.core.latched("PSM1/tool_type") == {"data": "PROGRASP_FORCEPS:420093[..13]"}
     p = served.last("PSM1/measured_cp")["pose"]["position"]
     expected = served.world.arm("PSM1").measured_cp().matrix[:3, 3]
     np.testing.assert_allclose([p["x"], p["y"], p["z"]], expected, atol=1e-6)
@@ -154,7 +162,14 @@ def test_every_latched_topic_has_a_message_for_those_who_come_late() -> None:
     served = Served("full_cart_mtm", wanted=[])
     served.run(0.01)
     rows = served.core.topics.values()
-    latched = [t.name for t in rows if t.latched and not t.later and t.name not in BY_TRANSPORTS]
+    latched = [
+        t.name
+        for t in rows
+        if t.latched
+        and not t.later
+        and t.name not in BY_TRANSPORTS
+        and t.name.rpartition("/")[2] not in HAPPENINGS
+    ]
     assert [name for name in latched if served.core.latched(name) is None] == []
 
 
@@ -169,7 +184,8 @@ def test_buttons_pressed_and_released_at_once_have_stamps_of_their_own() -> None
 
 
 @pytest.mark.parametrize(
-    ("goal", "reason"), [([1.0], "got 1 numbers"), ([0.0] * 6, "move_jp: the arm is DISABLED")]
+    ("goal", "reason"),
+    [([float("nan")] * 6, "position[0] nan"), ([0.0] * 6, "move_jp: the arm is DISABLED")],
 )
 def test_each_of_two_rejected_moves_is_answered(goal: list[float], reason: str) -> None:
     served, _ = settle()
@@ -292,3 +308,46 @@ def test_without_its_library_the_urdf_is_a_warning(monkeypatch: pytest.MonkeyPat
     finally:
         loop.close()
         core.close()
+
+
+def test_everything_that_the_dvrk_latches_is_latched() -> None:
+    """Source: cisst-ros 73aca61, mtsROSBridge.h:828 and :845: every event."""
+    rows = topic_table(load_rig("full_cart_mtm"))
+    assert [
+        t.name for t in rows if t.rate == "event" and t.direction == "pub" and not t.latched
+    ] == []
+    assert [t.name for t in rows if t.rate != "event" and t.latched] == []
+
+
+def test_a_late_subscriber_gets_the_last_goal_warning_and_status() -> None:
+    served, _ = settle()
+    served.loop.post(Command("PSM1", "move_jr", {"dq": [0.01, 0, 0, 0, 0, 0]}))
+    served.loop.post(Command("PSM1", "servo_jp", {"q": [1.0]}))
+    served.run(0.5)
+    assert served.core.latched("PSM1/goal_reached") == {"data": True}
+    assert "allowed: 6 numbers" in served.core.latched("PSM1/warning")["data"]
+
+
+def test_states_are_reported_in_words_with_the_arms_name() -> None:
+    """Source: recorded answers of the dVRK's software, steps A7 and A27."""
+    served, _ = settle()
+    assert served.core.latched("PSM1/status") == {"data": "PSM1: current state HOMED"}
+    for verb in ("disable", "enable"):
+        served.loop.post(Command("PSM1", "state_command", {"name": verb}))
+        served.run(0.05)
+    told = [m["data"] for m in served.messages("PSM1/status")][1:]
+    assert told[:2] == ["PSM1: desired state DISABLED", "PSM1: current state DISABLED"]
+    assert told[2] == "PSM1: desired state ENABLED"
+    assert told[3].startswith("PSM1: current state ")
+
+
+@pytest.mark.parametrize(
+    ("arm", "text", "expected"),
+    [
+        ("PSM1", "hot", "PSM1: hot"),
+        ("PSM1", "PSM1: hot", "PSM1: hot"),
+        ("SUJ_PSM1", "hot", "PSM1 SUJ: hot"),
+    ],
+)
+def test_a_message_begins_with_its_arm_once(arm: str, text: str, expected: str) -> None:
+    assert spoken(arm, text) == expected

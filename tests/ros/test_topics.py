@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from trocar.descriptions import load_rig
@@ -143,6 +145,7 @@ OWNERS = [
     ("MTMR_PSM1/", LOCKS),
     ("MTML_MTMR_ECM/", TELEOPERATION),
 ]
+TOOLS, VIEW = ("MTMR_PSM1", "MTML_PSM2", "MTML_PSM3"), ("ECM", "MTML", "MTMR")
 PUBLISHED = {
     (before + key, kind, direction)
     for before, part in OWNERS
@@ -160,6 +163,40 @@ def table() -> dict[str, Topic]:
 def test_the_table_misses_nothing_that_the_dvrk_has(table: dict[str, Topic]) -> None:
     ours = {(t.name, t.type, t.direction) for t in table.values()}
     assert not PUBLISHED - ours
+
+
+#: rospy's own, of every node.
+BY_ROSPY = {("rosout", "rosgraph_msgs/Log", "pub")}
+#: Served by teleoperation components, which declare them.
+BY_COMPONENTS = {
+    *((f"{name}/MTM/measured_cp", GEOMETRY + "PoseStamped", "pub") for name in TOOLS),
+    *((f"{name}/MTM/measured_cv", GEOMETRY + "TwistStamped", "pub") for name in TOOLS),
+    *((f"{name}/PSM/setpoint_cp", GEOMETRY + "PoseStamped", "pub") for name in TOOLS),
+    *((f"{name}/following/mtm/body/servo_cf", GEOMETRY + "WrenchStamped", "sub") for name in TOOLS),
+    *((f"MTML_MTMR_ECM/{arm}/measured_cp", GEOMETRY + "PoseStamped", "pub") for arm in VIEW),
+}
+
+
+def genuine() -> set[tuple[str, str, str]]:
+    """Return what the dVRK's own software lists: (name, type, direction)."""
+    found: set[tuple[str, str, str]] = set()
+    for line in Path(__file__).with_name("genuine_topics.txt").read_text().splitlines():
+        if not line.startswith("#"):
+            kind, prefixes, names = (part.split() for part in line.split("|"))
+            places = [f"{prefix}/" for prefix in prefixes] or [""]
+            found |= {(place + name, kind[1], kind[0]) for place in places for name in names}
+    return found
+
+
+def test_every_topic_of_the_dvrks_own_software_is_there_with_its_type(
+    table: dict[str, Topic],
+) -> None:
+    ours, theirs = {(t.name, t.type, t.direction) for t in table.values()}, genuine()
+    assert len(theirs) == 477
+    assert theirs - ours - BY_ROSPY <= BY_COMPONENTS
+    types = {(name, direction): kind for name, kind, direction in theirs}
+    same = [t for t in table.values() if (t.name, t.direction) in types]
+    assert [t.name for t in same if types[t.name, t.direction] != t.type] == []
 
 
 def test_topics_that_the_dvrk_does_not_have_are_served(table: dict[str, Topic]) -> None:
@@ -200,7 +237,7 @@ def test_set_points_wait_alone_and_everything_that_counts_waits_in_line(
 
 def test_only_teleoperation_is_left_to_who_serves_it(table: dict[str, Topic]) -> None:
     later = {t.name.split("/")[0] for t in table.values() if t.later}
-    assert later == {"console", "MTMR_PSM1", "MTML_PSM2", "MTML_MTMR_ECM"}
+    assert later == {"console", "stats", "MTMR_PSM1", "MTML_PSM2", "MTML_PSM3", "MTML_MTMR_ECM"}
     assert all("teleop" in t.name for t in table.values() if t.later and t.name[:4] == "cons")
 
 

@@ -45,7 +45,8 @@ def check_joints(arm, before: str, served: Served) -> None:
         if f"{before}/{key}" not in served.core.topics:
             continue
         message = served.last(f"{before}/{key}")
-        assert tuple(message["name"]) == state.name
+        setup = tuple(f"SUJ_{before[4:]}_J{k}" for k in range(len(state.name)))
+        assert tuple(message["name"]) == (setup if before.startswith("SUJ/") else state.name)
         close(message["position"], state.position)
         close(message["velocity"], state.velocity)
         close(message["effort"], state.effort, EFFORTS)
@@ -63,18 +64,23 @@ def check_poses(arm, before: str, served: Served) -> None:
 
 
 def check_motion_and_force(arm, before: str, served: Served) -> None:
-    for key in ("measured_cv", "local/measured_cv"):
+    R = arm.local.measured_cp().matrix[:3, :3]
+    for key, turn in (("measured_cv", np.eye(3)), ("local/measured_cv", R.T)):
         twist, expected = served.last(f"{before}/{key}"), attrgetter(key.replace("/", "."))(arm)()
-        close(vector(twist["twist"]["linear"]), expected.linear)
-        close(vector(twist["twist"]["angular"]), expected.angular)
+        close(vector(twist["twist"]["linear"]), turn @ expected.linear)
+        close(vector(twist["twist"]["angular"]), turn @ expected.angular)
+        assert twist["header"]["frame_id"] == f"{before}_base"
     for frame in ("body", "spatial"):
-        wrench = served.last(f"{before}/{frame}/measured_cf")["wrench"]
+        message = served.last(f"{before}/{frame}/measured_cf")
+        assert message["header"]["frame_id"] == ""
+        wrench = message["wrench"]
         expected = getattr(arm, frame).measured_cf()
         scale = max(1.0, np.abs(expected.force).max(), np.abs(expected.torque).max())
         close(vector(wrench["force"]), expected.force, 1e-8 * scale)
         close(vector(wrench["torque"]), expected.torque, 1e-8 * scale)
         matrix = served.last(f"{before}/{frame}/jacobian")
         shape = [d["size"] for d in matrix["layout"]["dim"]]
+        assert [d["stride"] for d in matrix["layout"]["dim"]] == [1, 6]
         close(np.reshape(matrix["data"], shape), getattr(arm, frame).jacobian())
 
 
@@ -114,7 +120,15 @@ def test_jaws_and_grippers_have_their_own_topics(rng: np.random.Generator) -> No
             message = served.last(f"{name}/{key}")
             assert tuple(message["name"]) == (part,)
             close(message["position"], state.position)
+            if part == "gripper":
+                assert not len(message["velocity"]) and not len(message["effort"])
+                continue
+            close(message["velocity"], state.velocity)
             close(message["effort"], state.effort, EFFORTS)
+            setpoint, state = served.last(f"{name}/jaw/setpoint_js"), arm.jaw.setpoint_js()
+            close(setpoint["position"], state.position)
+            close(setpoint["effort"], state.effort, EFFORTS)
+            assert not len(setpoint["velocity"])
 
 
 def test_gravity_compensation_tells_its_efforts_and_none_when_it_is_off() -> None:

@@ -237,7 +237,7 @@ def test_what_a_session_cannot_be_is_refused() -> None:
         Session("keyboard", motion="x.mcap")
     with pytest.raises(InputError, match=r"e.g. full_cart_mtm"):
         Session("masters").components(Loop(World("psm")))
-    with pytest.raises(InputError, match=r"got 'ECM'; allowed: PSM1, PSM2$"):
+    with pytest.raises(InputError, match=r"got 'ECM'; allowed: PSM1, PSM2, PSM3$"):
         Session("masters", "ECM").components(Loop(World("full_cart_mtm", setup_joints="locked")))
 
 

@@ -62,7 +62,7 @@ def served() -> Served:
 
 def test_every_row_of_teleoperation_is_served_where_a_rig_has_masters(served: Served) -> None:
     rows = [t for name, t in served.core.topics.items() if "teleop" in name or NAME in name]
-    assert len(rows) == 24
+    assert len(rows) == 25
     assert not any(row.later for row in served.core.topics.values())
     for row in rows:
         if row.direction == "sub":
@@ -75,6 +75,7 @@ def test_what_stands_is_told_when_it_begins(served: Served) -> None:
     assert served.published("console/teleop/selected")[:3] == [
         "MTMR_PSM1", "MTML_PSM2", "MTML_MTMR_ECM",
     ]  # fmt: skip
+    assert served.published("console/teleop/unselected")[0] == "MTML_PSM3"
     offset = served.transport.last(f"{NAME}/alignment_offset")["quaternion"]
     assert np.linalg.norm(list(offset.values())) == pytest.approx(1.0)
 
@@ -100,7 +101,7 @@ def test_a_component_goes_through_its_states_and_back() -> None:
     ("topic", "fields", "says"),
     [
         (f"{NAME}/state_command", {"string": "fly"}, "allowed: enable, disable, align_mtm"),
-        (f"{NAME}/set_scale", {"data": 0.0}, "above 0 to 1"),
+        (f"{NAME}/set_scale", {"data": float("nan")}, "finite"),
         (f"{NAME}/lock_rotation", {"data": 3}, "true or false"),
         ("console/teleop/select", {"data": "MTMX"}, "allowed: MTMR_PSM1"),
         ("console/teleop/set_scale", {"data": float("nan")}, "finite"),
@@ -133,6 +134,15 @@ def test_the_console_enables_what_is_selected_while_an_operator_is_there() -> No
     assert states[NAME].desired == "ENABLED"
     served.send("console/teleop/enable", data=False)
     assert {one.current for one in states.values()} == {"DISABLED"}
+
+
+@pytest.mark.parametrize("topic", ["system/power_off", "console/power_off"])
+def test_power_off_switches_teleoperation_off(topic: str) -> None:
+    served = Served()
+    served.send("console/teleop/enable", data=True)
+    served.send(topic)
+    assert served.published("console/teleop/enabled")[-1] is False
+    assert served.world.arm("PSM1").operating_state().state == "DISABLED"
 
 
 def test_an_arm_that_fails_disables_teleoperation_and_it_is_said() -> None:

@@ -24,7 +24,7 @@ arm (`/PSM1/measured_js`, `/SUJ/PSM1/measured_js`), those of a teleoperation com
 
 <!-- Written by make docs. -->"""
 KINDS = ("PSM", "ECM", "MTM", "SUJ")
-SENT = {"state": "`--rate`", "tf": "50 Hz", "clock": "each tick"}
+SENT = {"state": "`--rate`", "tf": "50 Hz", "statistics": "5 Hz", "clock": "each tick"}
 
 
 def page() -> str:

@@ -52,6 +52,7 @@ class Command(msgspec.Struct, frozen=True):
         topic: name of the topic that brought it; such a command waits while its arm homes
         stream: of those with the same arm and stream only the newest counts; "": as of `STREAMS`
         act: what it does, where that is no verb
+        note: a warning about the message that brought it
     """
 
     arm: str
@@ -60,6 +61,7 @@ class Command(msgspec.Struct, frozen=True):
     topic: str = ""
     stream: str = ""
     act: Callable[[Any], object] | None = None
+    note: str = ""
 
     def apply(self, world: World) -> None:
         """Call the verb.

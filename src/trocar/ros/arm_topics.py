@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +18,7 @@ from trocar.live.inbox import Command
 from trocar.ros import message_builders as build
 from trocar.ros.clock import Stamp
 from trocar.ros.message_fields import (
+    DoubtfulError,
     RefusedError,
     flag,
     joints,
@@ -26,6 +28,7 @@ from trocar.ros.message_fields import (
     pose,
     rotation,
     text,
+    vector,
     wrench,
 )
 from trocar.ros.topic import (
@@ -48,14 +51,13 @@ from trocar.ros.topic import (
     Make,
     Topic,
     command,
-    event,
     latched,
     prefix,
     state,
 )
 from trocar.simulation.arm import STATE_COMMANDS
 from trocar.simulation.controllers import CartesianImpedance, HalfPlaneGains
-from trocar.simulation.readout import ArmReadout
+from trocar.simulation.readout import ArmReadout, turned
 from trocar.simulation.records import ArmStatus
 
 if TYPE_CHECKING:
@@ -65,8 +67,10 @@ Array = NDArray[np.float64]
 Message = Mapping[str, Any]
 #: A verb of the arm and its arguments.
 Verb = tuple[str, Mapping[str, Any]]
+#: The same, which may have a warning about its message.
+NotedVerb = Verb | tuple[str, Mapping[str, Any], str]
 #: Reads a message for an arm with its tool, as it is now.
-Reader = Callable[[Message, ArmDescription], Verb]
+Reader = Callable[[Message, ArmDescription], NotedVerb]
 #: Does a verb of an arm in place of the arm: (its name, the arguments, the world).
 Act = Callable[[str, Mapping[str, Any], "World"], object]
 
@@ -75,17 +79,16 @@ NO_TOOL = ("", "none", "NONE")
 # ---------------------------------------------------------------------- messages from readings
 
 
-def _joints(prefix: str, part: str = "own") -> Callable[[ArmReadout, Stamp], Any]:
+NOTHING = np.zeros(0)
+
+
+def _joints(prefix: str) -> Callable[[ArmReadout, Stamp], Any]:
     """Return the maker of a JointState: prefix "" for measured, "setpoint_" for set-points."""
     q, qd, effort = f"{prefix}q", f"{prefix}qd", f"{prefix}effort"
 
     def make(arm: ArmReadout, stamp: Stamp) -> Any:
         s, own = arm.sample, arm.own
-        if part == "end":
-            if own.stop == len(arm.names):
-                return None
-            own = slice(-1, None)
-        names = arm.names[own]
+        names = _setup_names(arm.name, own.stop) if arm.arm.type == "SUJ" else arm.names[own]
         return build.joints(
             stamp, names, getattr(s, q)[own], getattr(s, qd)[own], getattr(s, effort)[own]
         )
@@ -93,7 +96,32 @@ def _joints(prefix: str, part: str = "own") -> Callable[[ArmReadout, Stamp], Any
     return make
 
 
-NOTHING = np.zeros(0)
+def _end(prefix: str, *parts: str) -> Callable[[ArmReadout, Stamp], Any]:
+    """Return the maker of a jaw's or gripper's JointState.
+
+    Args:
+        prefix: "" for measured, "setpoint_" for set-points
+        parts: "q", "qd", "effort": which fields have numbers. Source: recorded answers of the
+            dVRK's software, and SAW 9e535e6, mtsIntuitiveResearchKitMTM.cpp:104
+    """
+
+    def make(arm: ArmReadout, stamp: Stamp) -> Any:
+        if arm.own.stop == len(arm.names):
+            return None
+        s = arm.sample
+        found = (getattr(s, f"{prefix}{p}")[-1:] if p in parts else NOTHING for p in FIELDS)
+        return build.joints(stamp, arm.names[-1:], *found)
+
+    return make
+
+
+FIELDS = ("q", "qd", "effort")
+
+
+@lru_cache(maxsize=64)
+def _setup_names(arm: str, count: int) -> tuple[str, ...]:
+    """Return the names of setup joints in messages. Source: SAW 9e535e6, SUJ.cpp:105."""
+    return tuple(f"{arm}_J{k}" for k in range(count))
 
 
 def _gravity(arm: ArmReadout, stamp: Stamp) -> Any:
@@ -110,17 +138,26 @@ def _tip(setpoint: bool, local: bool) -> Callable[[ArmReadout, Stamp], Any]:
     return make
 
 
-def _twist(local: bool) -> Callable[[ArmReadout, Stamp], Any]:
-    def make(arm: ArmReadout, stamp: Stamp) -> Any:
-        frame = arm.own_frame if local else arm.base_frame
-        return build.twist_stamped(stamp, frame, arm.twist(local=local))
+def _measured_cv(arm: ArmReadout, stamp: Stamp) -> Any:
+    """Make a TwistStamped; its header names the arm's own base whatever the base frame is.
 
-    return make
+    Source: SAW 9e535e6, mtsIntuitiveResearchKitArm.cpp:292 and :2280, and recorded answers.
+    """
+    return build.twist_stamped(stamp, arm.own_frame, arm.twist(local=False))
+
+
+def _local_measured_cv(arm: ArmReadout, stamp: Stamp) -> Any:
+    """Make a TwistStamped in axes of the tip, though its header names the base.
+
+    Source: SAW 9e535e6, mtsIntuitiveResearchKitArm.cpp:993: the body Jacobian's velocities.
+    """
+    R = arm.tip(setpoint=False, local=True)[:3, :3]
+    return build.twist_stamped(stamp, arm.own_frame, turned(R.T, arm.twist(local=True)))
 
 
 def _wrench(arm: ArmReadout, stamp: Stamp, frame: Any) -> Any:
-    name = arm.name if frame == "body" else arm.own_frame
-    return build.wrench_stamped(stamp, name, arm.wrench(frame))
+    """Make a WrenchStamped; no frame is named, as in SAW 9e535e6, Arm.cpp:305."""
+    return build.wrench_stamped(stamp, "", arm.wrench(frame))
 
 
 def _jacobian(arm: ArmReadout, stamp: Stamp, frame: Any) -> Any:  # noqa: ARG001  as every make
@@ -129,6 +166,10 @@ def _jacobian(arm: ArmReadout, stamp: Stamp, frame: Any) -> Any:  # noqa: ARG001
 
 def _up(arm: ArmStatus) -> dict[str, Any]:  # noqa: ARG001  as every content
     return build.joy(0)
+
+
+def _first_status(arm: ArmStatus) -> dict[str, Any]:
+    return {"data": f"current state {arm.phase}"}
 
 
 # ---------------------------------------------------------------------- verbs from messages
@@ -167,12 +208,30 @@ def _joint_verb(verb: str) -> Reader:
     return lambda message, arm: (verb, {argument: joints(message, values, _own(arm))})
 
 
+def _goal(message: Message, names: Sequence[str], part: str = "") -> NotedVerb:
+    """Read move_jp; with too few numbers nothing moves, and the goal is reached.
+
+    Source: recorded answers of the dVRK's software, move_jp with 0 and 5 values.
+    """
+    got, count = len(vector(message, "position")), len(names)
+    if got < count:
+        note = f"got {got} numbers in position; allowed: {count}, for {', '.join(names)}"
+        return f"{part}move_jr", {"dq": np.zeros(count)}, f"{note}; nothing moves"
+    return f"{part}move_jp", {"q": joints(message, "position", names)}
+
+
+def _move_jp(message: Message, arm: ArmDescription) -> NotedVerb:
+    return _goal(message, _own(arm))
+
+
 def _jaw_verb(verb: str) -> Reader:
     values, argument = JOINT_VERBS[verb[-2:]]
 
-    def read(message: Message, arm: ArmDescription) -> Verb:
+    def read(message: Message, arm: ArmDescription) -> NotedVerb:
         if not arm.has_jaw:
             raise RefusedError("jaw", f"{arm.tool or 'the bare arm'} has no jaw")
+        if verb == "move_jp":
+            return _goal(message, ("jaw",), "jaw.")
         return f"jaw.{verb}", {argument: joints(message, values, ("jaw",))}
 
     return read
@@ -189,7 +248,7 @@ def _wrench_verb(frame: str) -> Reader:
     )
 
 
-def _servo_cs(message: Message, arm: ArmDescription) -> Verb:
+def _servo_cs(message: Message, arm: ArmDescription) -> NotedVerb:
     """Follow the pose, or exert the wrench; the velocity is not needed, a servo has its own."""
     valid = {what: flag(message, f"{what}_is_valid.data") for what in ("pose", "twist", "wrench")}
     if valid["pose"] == valid["wrench"]:
@@ -276,13 +335,25 @@ def _tool(message: Message, arm: ArmDescription) -> Verb:
     for tool in (name, name.partition("[")[0]):
         if tool in known:
             return "set_tool_type", {"name": tool}
-    raise RefusedError("tool", f"got {name!r}; allowed: {', '.join(known)}, or none")
+    return "reject_type", {"kind": "tool", "name": name, "known": (*known, "none")}
+
+
+def full_name(tool: str) -> str:
+    """Return a tool's name with its versions, "" for none.
+
+    Source: SAW 9e535e6, mtsToolList.cpp:262 and share/tool/index.json: newer versions of two
+    instruments are geared, and have files of their own.
+    """
+    return tool and f"{tool}[{TOOL_VERSIONS.get(tool, '..')}]"
+
+
+TOOL_VERSIONS = {"LARGE_NEEDLE_DRIVER:420006": "..11", "PROGRASP_FORCEPS:420093": "..13"}
 
 
 def _endoscope(message: Message, arm: ArmDescription) -> Verb:  # noqa: ARG001
     name = text(message, "data")
     if name not in ENDOSCOPES:
-        raise RefusedError("endoscope", f"got {name!r}; allowed: {', '.join(ENDOSCOPES)}")
+        return "reject_type", {"kind": "endoscope", "name": name, "known": tuple(ENDOSCOPES)}
     return "set_endoscope_type", {"name": name}
 
 
@@ -292,10 +363,11 @@ EVERY = (
     latched("operating_state", STATE, "state, is_homed, is_busy; again every second"),
     latched("desired_state", STRING, "the last commanded state",
             first=lambda arm: {"data": arm.desired}),
-    event("goal_reached", BOOL, "whether a move reached its goal"),
-    event("error", STRING, "why the arm is in FAULT"),
-    event("warning", STRING, "what was rejected or clipped, and why"),
-    event("status", STRING, "other events"),
+    latched("goal_reached", BOOL, "whether a move reached its goal"),
+    latched("error", STRING, "why the arm is in FAULT"),
+    latched("warning", STRING, "what was rejected or clipped, and why"),
+    latched("status", STRING, "states, desired and current, and other events",
+            first=_first_status),
     command("state_command", COMMAND, "", "enable, disable, home, unhome, pause, resume", _state),
     state("measured_js", JOINTS, SI, "measured joints, jaw or gripper not included", _joints("")),
     state("measured_cp", POSE, PLACE, "the tip, in the frame that the header names",
@@ -304,7 +376,7 @@ EVERY = (
             _tip(False, True)),
     command("servo_jp", JOINTS, "rad, m", "set-points now; may carry velocities", _servo_jp, True),
     command("move_jp", JOINTS, "rad, m", "a goal, reached within the arm's limits",
-            _joint_verb("move_jp")),
+            _move_jp),
 )  # fmt: skip
 
 #: Of arms with motors of their own: PSM, ECM, MTM.
@@ -316,9 +388,9 @@ MOVERS = (
             _tip(True, False)),
     state("local/setpoint_cp", POSE, PLACE, "the same in the arm's own base frame",
             _tip(True, True)),
-    state("measured_cv", TWIST, SPEED, "of the tip, in axes of measured_cp's frame", _twist(False)),
-    state("local/measured_cv", TWIST, SPEED, "of the tip, in axes of its own base frame",
-            _twist(True)),
+    state("measured_cv", TWIST, SPEED, "of the tip, in axes of measured_cp's frame", _measured_cv),
+    state("local/measured_cv", TWIST, SPEED, "of the tip, in its own axes",
+            _local_measured_cv),
     state("body/measured_cf", WRENCH, FORCE, "wrench of the motors at the tip, in its axes",
             partial(_wrench, frame="body")),
     state("spatial/measured_cf", WRENCH, FORCE,
@@ -328,8 +400,8 @@ MOVERS = (
             partial(_jacobian, frame="body")),
     state("spatial/jacobian", MATRIX, "", "6 x n, about the base frame's origin",
             partial(_jacobian, frame="spatial")),
-    latched("trajectory_j/ratio", FLOAT, "ratio of both limits that moves keep to",
-            content=lambda arm: {"data": min(arm.ratios)}),
+    latched("trajectory_j/ratio", FLOAT, "ratio of both limits; 0 while they differ",
+            content=lambda arm: {"data": arm.ratios[0] if len(set(arm.ratios)) == 1 else 0.0}),
     latched("trajectory_j/ratio_v", FLOAT, "ratio of the velocity limits",
             content=lambda arm: {"data": arm.ratios[0]}),
     latched("trajectory_j/ratio_a", FLOAT, "ratio of the acceleration limits",
@@ -358,11 +430,11 @@ MOVERS = (
             _switch("use_gravity_compensation")),
     command("body/set_cf_orientation_absolute", BOOL, "",
             "wrenches in axes of measured_cp's frame", _switch("set_cf_orientation_absolute")),
-    command("trajectory_j/set_ratio", FLOAT, "0.002 to 1",
+    command("trajectory_j/set_ratio", FLOAT, "above 0 to 1",
             "ratio of both limits, for new moves", _ratio("both")),
-    command("trajectory_j/set_ratio_v", FLOAT, "0.002 to 1", "ratio of the velocity limits",
+    command("trajectory_j/set_ratio_v", FLOAT, "above 0 to 1", "ratio of the velocity limits",
             _ratio("velocity")),
-    command("trajectory_j/set_ratio_a", FLOAT, "0.002 to 1", "ratio of the acceleration limits",
+    command("trajectory_j/set_ratio_a", FLOAT, "above 0 to 1", "ratio of the acceleration limits",
             _ratio("acceleration")),
     command("set_base_frame", POSE, PLACE, "the arm's base in measured_cp's frame", _base_frame),
 )  # fmt: skip
@@ -374,16 +446,17 @@ CLUTCHES = (
 )
 
 PSM = (
-    state("jaw/measured_js", JOINTS, "rad, N m", "the measured opening", _joints("", "end")),
-    state("jaw/setpoint_js", JOINTS, "rad, N m", "set-point of the opening",
-            _joints("setpoint_", "end")),
+    state("jaw/measured_js", JOINTS, "rad, N m", "the measured opening", _end("", *FIELDS)),
+    state("jaw/setpoint_js", JOINTS, "rad, N m", "set-point of the opening, without velocity",
+            _end("setpoint_", "q", "effort")),
     command("jaw/servo_jp", JOINTS, "rad", "an opening now", _jaw_verb("servo_jp"), True),
     command("jaw/move_jp", JOINTS, "rad", "an opening to go to; below 0 it grips",
             _jaw_verb("move_jp")),
     command("jaw/servo_jf", JOINTS, "N m", "the jaw's effort", _jaw_verb("servo_jf"), True),
     command("set_tool_type", STRING, "", "mount a tool, NAME:CODE[VERSION]", _tool),
-    latched("tool_type", STRING, "the mounted tool", content=lambda arm: {"data": arm.tool}),
-    event("tool_type_request", EMPTY, "a tool of unknown kind was mounted"),
+    latched("tool_type", STRING, "the mounted tool, NAME:CODE[VERSION]; ERROR: unknown",
+            content=lambda arm: {"data": full_name(arm.tool)}),
+    latched("tool_type_request", EMPTY, "a tool of unknown kind was mounted"),
     command("emulate_adapter_present", BOOL, "", "as if the sterile adapter were mounted",
             _switch("emulate_adapter_present")),
     command("emulate_tool_present", BOOL, "", "as if a tool were mounted or taken off",
@@ -401,10 +474,11 @@ ECM = (
 )
 
 MTM = (
-    state("gripper/measured_js", JOINTS, "rad, N m", "the measured opening", _joints("", "end")),
+    state("gripper/measured_js", JOINTS, "rad", "the measured opening, position only",
+            _end("", "q")),
     command("gripper/servo_jp", JOINTS, "rad", "hold an opening, as by fingers; wide open: release",
             _gripper, True),
-    event("gripper/pinch", EMPTY, "the gripper was shut"),
+    latched("gripper/pinch", EMPTY, "the gripper was shut"),
     latched("gripper/closed", BOOL, "whether it is shut", content=lambda arm: {"data": arm.closed}),
     command("lock_orientation", "geometry_msgs/Quaternion", "xyzw", "an orientation for the gimbal",
             _lock),
@@ -455,8 +529,12 @@ def _bound_make(make: Any, name: str) -> Make:
 
 def _bound_read(read: Any, name: str, topic: str, acts: Mapping[str, Act]) -> Any:
     def command(message: Message, arm: ArmDescription) -> Command:
-        verb, values = read(message, arm)
+        try:
+            found = read(message, arm)
+        except DoubtfulError as doubt:
+            return msgspec.structs.replace(command(doubt.message, arm), note=str(doubt))
+        verb, values, note = found if len(found) == 3 else (*found, "")
         act = acts.get(verb)
-        return Command(name, verb, values, topic, "", act and partial(act, name, values))
+        return Command(name, verb, values, topic, "", act and partial(act, name, values), note)
 
     return command

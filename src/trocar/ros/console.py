@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -16,8 +16,9 @@ from trocar.live.inbox import Command
 from trocar.live.loop import Loop
 from trocar.live.state import PATIENT, Elapsed
 from trocar.ros import message_builders as build
-from trocar.ros.arm_topics import Act
+from trocar.ros.arm_topics import Act, full_name
 from trocar.ros.message_fields import RefusedError, button, number, text, vector
+from trocar.ros.period_statistics import CONTROL, FRAMES, PUBLISHING
 from trocar.ros.topic import (
     BOOL,
     COMMAND,
@@ -30,13 +31,15 @@ from trocar.ros.topic import (
     Read,
     Topic,
     command,
-    event,
     latched,
+    prefix,
     state,
 )
 from trocar.simulation.journal import WORLD, verb_of
 
 if TYPE_CHECKING:
+    from trocar.ros.clock import Stamp
+    from trocar.ros.sample import SampleReadings
     from trocar.simulation import World
     from trocar.simulation.arm import Arm
 
@@ -63,7 +66,8 @@ BUTTONS = {
 #: Names of a beep's numbers, and the largest of each. Source: SAW system component; the bounds are
 #: our own choice, the frequency's is that of dvrk_python's own example. [s, Hz, 0 to 1]
 BEEP = (("duration", 60.0), ("frequency", 50_000.0), ("volume", 1.0))
-VOLUME = 1.0
+#: Volume at the start. Source: SAW system_configuration, audio_volume.
+VOLUME = 0.5
 
 
 class Bedside:
@@ -92,6 +96,7 @@ class Bedside:
             return {verb: partial(self._move_setup, verb) for verb in verbs}
         return {
             "set_tool_type": lambda arm, values, world: self._mount(world, arm, values["name"]),
+            "reject_type": self._reject_type,
             "emulate_tool_present": lambda arm, values, world: self._put(world, arm, values["on"]),
             "emulate_adapter_present": self._adapt,
             "set_endoscope_type": lambda arm, values, world: self.emit(  # noqa: ARG005
@@ -106,10 +111,19 @@ class Bedside:
     def _mount(self, world: World, name: str, tool: str) -> None:
         arm = world.arm(name)
         if (arm.description.tool or NO_TOOL) == tool:
+            self.emit(f"{name}/tool_type", {"data": full_name(arm.description.tool)})
             return
         if tool != NO_TOOL:
             self._check_adapter(name)
         arm.runtime.set_tool_type(tool)
+
+    def _reject_type(self, name: str, values: Mapping[str, Any], world: World) -> None:  # noqa: ARG002
+        """Report an unknown tool or endoscope. Source: SAW 9e535e6, PSM.cpp:1733, ECM.cpp:457."""
+        kind, allowed = values["kind"], ", ".join(values["known"])
+        text = f"{kind} type {values['name']!r} is not supported; allowed: {allowed}"
+        _log.warning("%s: %s", name, text)
+        self.emit(f"{name}/error", {"data": text})
+        self.emit(f"{name}/{kind}_type", {"data": "ERROR"})
 
     def _put(self, world: World, name: str, on: bool) -> None:
         """Put the last tool on again, or take the tool off."""
@@ -277,9 +291,9 @@ def console_topics(rig: RigDescription, emit: Emit) -> list[Topic]:
         command(sound[1], MATRIX, "s, Hz, 0 to 1", "duration, frequency, volume",
                 shows(sound[1], _beep)),
         command(words, STRING, "", "text for the log", shows(words, _speech)),
-        event("system/error", STRING, "errors that concern no single arm"),
-        event("system/warning", STRING, "rejections that concern no single arm"),
-        event("system/status", STRING, "other events"),
+        latched("system/error", STRING, "errors that concern no single arm"),
+        latched("system/warning", STRING, "rejections that concern no single arm"),
+        latched("system/status", STRING, "other events"),
         *(
             command(
                 f"console/{name}",
@@ -308,6 +322,37 @@ def console_topics(rig: RigDescription, emit: Emit) -> list[Topic]:
     return rows
 
 
+# ---------------------------------------------------------------------- statistics
+
+STATISTICS = "cisst_msgs/IntervalStatistics"
+CONTROL_HELP = "wall time of a control period, means between samples; no compute times"
+AS_PUBLISHERS = "as publishers"
+
+
+def _statistics(name: str, of: str, says: str) -> Topic:
+    def make(readings: SampleReadings, stamp: Stamp) -> dict[str, Any]:
+        return readings.statistics[of].message(stamp)
+
+    return state(f"{name}/period_statistics", STATISTICS, "s", says, make, "statistics")
+
+
+def statistics_topics(rig: RigDescription) -> Iterator[Topic]:
+    """Return the rows of the periods of arms and of what publishes.
+
+    Source of names: cisst-ros 73aca61, mts_ros_crtk_bridge_provided.cpp.
+    """
+    says = "periods of samples; times to make their messages"
+    yield _statistics("publishers", PUBLISHING, says)
+    for name in ("stats/subscribers", "stats/events"):
+        yield _statistics(name, PUBLISHING, AS_PUBLISHERS)
+    for arm in rig.arms:
+        place = prefix(arm.name, arm.arm)
+        yield _statistics(place, CONTROL, CONTROL_HELP)
+        name = place.lower().replace("/", "_") + ("" if arm.arm.type == "SUJ" else "_arm")
+        yield _statistics(f"stats/publishers_{name}", PUBLISHING, AS_PUBLISHERS)
+        yield _statistics(f"stats/tf_{name}", FRAMES, "periods of tf")
+
+
 # ---------------------------------------------------------------------- teleoperation
 
 TELEOP_CONSOLE = (
@@ -315,8 +360,8 @@ TELEOP_CONSOLE = (
     latched("console/teleop/enabled", BOOL, "whether it is on"),
     command("console/teleop/select", STRING, "", "a component to use"),
     command("console/teleop/unselect", STRING, "", "a component not to use"),
-    event("console/teleop/selected", STRING, "a component that was selected"),
-    event("console/teleop/unselected", STRING, "a component that was unselected"),
+    latched("console/teleop/selected", STRING, "a component that was selected"),
+    latched("console/teleop/unselected", STRING, "a component that was unselected"),
     command("console/teleop/set_scale", FLOAT, "", "motion of instruments per masters'"),
     latched("console/teleop/scale", FLOAT, "motion of instruments per masters'"),
 )
@@ -329,9 +374,9 @@ TELEOP = (
     latched("following", BOOL, "whether the instrument follows"),
     latched("scale", FLOAT, "motion of the instrument per master's"),
     command("set_scale", FLOAT, "", "motion of the instrument per master's"),
-    event("error", STRING, "why the component is DISABLED"),
-    event("warning", STRING, "what keeps it from following"),
-    event("status", STRING, "other events"),
+    latched("error", STRING, "why the component is DISABLED"),
+    latched("warning", STRING, "what keeps it from following"),
+    latched("status", STRING, "other events"),
 )
 
 #: Of one that moves an instrument.
@@ -355,4 +400,7 @@ def teleop_topics(teleops: Sequence[TeleopDescription]) -> list[Topic]:
     for teleop in teleops:
         own = TELEOP + TELEOP_TOOL if teleop.kind == "psm" else TELEOP
         rows += [row.under(teleop.name) for row in own]
+        publisher = f"stats/publishers_{teleop.name.lower()}_setting"
+        rows.append(_statistics(teleop.name, CONTROL, CONTROL_HELP))
+        rows.append(_statistics(publisher, PUBLISHING, AS_PUBLISHERS))
     return rows

@@ -175,7 +175,7 @@ class Core:
         scripted = {prop.name: f"scene/{prop.name}" for prop in rig.objects if prop.script}
         heard = {**self.prefixes, **scripted}
         self._sampler = Sampler(loop, heard, self.stamper, rate_hz, self._samples, self._report)
-        self._publishing = Publishing(topics, self.prefixes)
+        self._publishing = Publishing(topics, self.prefixes, lambda: loop.now)
         self._waiting: list[Transport] = []
         self._running: tuple[Transport, ...] = ()
         self._begun = False
@@ -184,7 +184,7 @@ class Core:
             pictures, loop.world, seen, camera_rate_hz, self._wanted, self._hand
         )
         self._thread: threading.Thread | None = None
-        self._lock, self._rate_limit = threading.Lock(), RateLimit()
+        self._lock, self._rate_limit, self._noted = threading.Lock(), RateLimit(), RateLimit(inf)
         self._ends: list[Callable[[], None]] = []
         self.refused = 0
         self._described: RigDescription | None = None
@@ -279,6 +279,8 @@ class Core:
                         command = expiring(command, self._setpoint_timeout_s)
                 if not self.loop.post(command):
                     raise RefusedError("full", "too many pending commands")
+                if command.note:
+                    self._note(command, peer)
             if sent is not None:
                 self._stamps.remember((topic.name, peer), sent, self.loop.now)
         except InputError as problem:
@@ -345,6 +347,7 @@ class Core:
     def forget_refusals(self) -> None:
         """Forget which rejections were reported: the next ones are reported at once."""
         self._rate_limit.forget()
+        self._noted.forget()
 
     # ------------------------------------------------------------------ out
 
@@ -385,6 +388,14 @@ class Core:
         }
 
     # ------------------------------------------------------------------ inside
+
+    def _note(self, command: Command, peer: str) -> None:
+        """Report what is odd about a message that was accepted, once for each client and topic."""
+        if self._noted.due((command.topic, peer), self.loop.now) is not None:
+            _log.warning("%s from %s: %s", command.topic, peer or "the simulator", command.note)
+            topic = self.topics[command.topic]
+            before = self.prefixes.get(topic.arm, "system")
+            self.emit(f"{before}/warning", {"data": f"{topic.key}: {command.note}"})
 
     def _share(self, arm: str, peer: str, others: Sequence[str]) -> None:
         """Report that several clients command an arm.
@@ -501,7 +512,12 @@ def topic_table(
     arms = (arm_topics(arm, beside.acts(arm.arm.type)) for arm in rig.arms)
     later = (replace(row, later=True) for row in console.teleop_topics(rig.teleops))
     rows = chain(
-        *arms, tf.viewer_topics(), console.console_topics(rig, emit), scene_topics(rig), later
+        *arms,
+        console.statistics_topics(rig),
+        tf.viewer_topics(),
+        console.console_topics(rig, emit),
+        scene_topics(rig),
+        later,
     )
     return tuple(by_name(rows).values())  # each name once: arms of a kind share some
 

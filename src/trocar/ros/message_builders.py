@@ -100,13 +100,17 @@ def wrench_stamped(stamp: Stamp, frame_id: str, wrench: Array) -> Message:
 
 
 def matrix(values: Array) -> Message:
-    """Return a std_msgs/Float64MultiArray of (rows, columns), row by row."""
+    """Return a std_msgs/Float64MultiArray of (rows, columns), row by row.
+
+    Strides are those that the dVRK writes, which belong to columns one after the other. Source:
+    cisst-ros 73aca61, mtsCISSTToROS.cpp:142.
+    """
     rows, columns = values.shape
     return {
         "layout": {
             "dim": [
-                {"label": "rows", "size": rows, "stride": rows * columns},
-                {"label": "cols", "size": columns, "stride": columns},
+                {"label": "rows", "size": rows, "stride": 1},
+                {"label": "cols", "size": columns, "stride": rows},
             ],
             "data_offset": 0,
         },

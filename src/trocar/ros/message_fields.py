@@ -19,13 +19,15 @@ from numpy.typing import NDArray
 
 from trocar.errors import InputError
 from trocar.simulation.control import LARGEST
-from trocar.simulation.masters import UNIT_TOLERANCE
 
 Array = NDArray[np.float64]
 Message = Mapping[str, Any]
 
 #: A vector that is longer is not looked at. Source: our own choice.
 LONGEST = 256
+#: Reject quaternions that are shorter: their direction is unknown. Source: our own choice; the
+#: dVRK ignores one of zeros without a message.
+SHORTEST_QUATERNION = 1e-6
 #: Text that is kept or repeated is at most this long. Source: our own choice.
 LONGEST_TEXT = 256
 SHOWN = 80
@@ -40,6 +42,18 @@ class RefusedError(InputError):
 
     def __init__(self, kind: str, reason: str) -> None:
         self.kind = kind
+        super().__init__(reason)
+
+
+class DoubtfulError(InputError):
+    """A message that is taken as the robot's own software takes it, with a warning.
+
+    Attributes:
+        message: the message as it is taken
+    """
+
+    def __init__(self, message: Message, reason: str) -> None:
+        self.message = message
         super().__init__(reason)
 
 
@@ -132,28 +146,36 @@ def vector(message: Any, name: str) -> Array:
 def joints(message: Any, field: str, names: Sequence[str]) -> Array:
     """Return one number per joint in the arm's order, (n,).
 
-    Numbers come in the arm's order, or in that of the message's `name` where it has some.
+    Numbers count by their position; names do not, as programs of cisst write "0", "1", ...
+    Source: cisst-ros 73aca61, mtsCISSTToROS.cpp:436 and mtsROSToCISST.cpp:290; that a longer list
+    is cut: recorded answers of the dVRK's software, move_jp and servo_jp with 7 values.
 
     Raises:
-        RefusedError: another count, or names of other joints
+        RefusedError: too few numbers
+        DoubtfulError: too many numbers, or the arm's own names in another order
     """
-    values = vector(message, field)
-    if len(values) != len(names):
+    values, count = vector(message, field), len(names)
+    if len(values) < count:
         raise RefusedError(
             "shape",
-            f"got {len(values)} numbers in {field}; allowed: {len(names)}, for {', '.join(names)}",
+            f"got {len(values)} numbers in {field}; allowed: {count}, for {', '.join(names)}",
         )
     given = message.get("name")
+    if len(values) > count:
+        raise DoubtfulError(
+            {**message, field: values[:count], "name": ()},
+            f"got {len(values)} numbers in {field}; used: the first {count},"
+            f" for {', '.join(names)}",
+        )
     if given is None or (type(given) is list and not given):
         return values
     order = _names(given)
-    if not order or order == list(names):
-        return values
-    if sorted(order) != sorted(names):
-        raise RefusedError(
-            "names", f"got joints {shown(order)}; allowed: {', '.join(names)}, or none"
+    if order != list(names) and sorted(order) == sorted(names):
+        raise DoubtfulError(
+            {**message, "name": ()},
+            f"got joints {shown(order)}; names are ignored, numbers are for {', '.join(names)}",
         )
-    return values[[order.index(name) for name in names]]
+    return values
 
 
 def joints_or_none(message: Any, field: str, names: Sequence[str]) -> Array | None:
@@ -176,23 +198,23 @@ def point(message: object, path: str) -> Array:
 
 
 def rotation(message: object, path: str) -> Array:
-    """Return the matrix of a quaternion, (3, 3).
+    """Return the matrix of a quaternion, which is normalised, (3, 3).
 
     Args:
         message: has x, y, z, w under `path`; "" for the message itself
 
     Raises:
-        RefusedError: its length is not 1
+        RefusedError: its norm is 0
     """
     turn = field(message, path) if path else message
     return np.array(_rows(turn, path))
 
 
 def pose(message: object, path: str) -> Array:
-    """Return a pose, (4, 4) [m].
+    """Return a pose, (4, 4) [m]; its quaternion is normalised.
 
     Raises:
-        RefusedError: another type, or not finite
+        RefusedError: another type, not finite, or a quaternion of norm 0
     """
     turned, moved = f"{path}.orientation", f"{path}.position"
     turn, move = field(message, turned), field(message, moved)
@@ -289,15 +311,16 @@ def _names(given: Any) -> list[str]:
 
 
 def _rows(turn: object, path: str) -> list[list[float]]:
-    """Return the rows of a quaternion's matrix.
+    """Return the rows of the matrix of a quaternion, which the robot normalises, too.
 
     In plain numbers: this is done for every message of a stream, and arrays of four are slow.
     """
     x, y, z, w = (number(turn, axis, path) for axis in "xyzw")
     length = sqrt(x * x + y * y + z * z + w * w)
-    if abs(length - 1.0) > UNIT_TOLERANCE:
+    if length < SHORTEST_QUATERNION:
         raise RefusedError(
-            "quaternion", f"got {path or 'a quaternion'} of norm {length:.4g}; allowed: 1"
+            "quaternion",
+            f"got {path or 'a quaternion'} of norm {length:.4g}; allowed: above 0, preferably 1",
         )
     x, y, z, w = x / length, y / length, z / length, w / length
     return [

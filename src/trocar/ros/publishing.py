@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Iterable, Mapping
+import time
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
 
 from trocar.errors import TrocarError
 from trocar.ros.clock import Beat, Stamp
+from trocar.ros.period_statistics import RATE_HZ as STATISTICS_RATE_HZ
+from trocar.ros.period_statistics import Stopwatches
 from trocar.ros.sample import Event, Sample, SampleReadings
 from trocar.ros.topic import Content, Message, Topic
 from trocar.simulation.readout import Reader
@@ -27,23 +30,40 @@ REPEAT_RATE_HZ = 1.0
 Out = list[tuple[Topic, Message]]
 
 
+def spoken(arm: str, text: str) -> str:
+    """Return a message of an arm with its name in front: "PSM1: ...", "PSM1 SUJ: ...".
+
+    Source: recorded answers of the dVRK's software; SAW 9e535e6, SUJ.cpp:192.
+    """
+    name = f"{arm.removeprefix('SUJ_')} SUJ" if arm.startswith("SUJ_") else arm
+    return text if text.startswith(f"{name}: ") else f"{name}: {text}"
+
+
 class Publishing:
     """Turn samples into messages.
 
     Args:
         topics: every topic by name
         prefixes: {arm: prefix of its topics}
+        now: wall time [s]
 
     Attributes:
         latched: {topic: its last message}, of those that late subscribers get
     """
 
-    def __init__(self, topics: Mapping[str, Topic], prefixes: Mapping[str, str]) -> None:
+    def __init__(
+        self,
+        topics: Mapping[str, Topic],
+        prefixes: Mapping[str, str],
+        now: Callable[[], float] = time.perf_counter,
+    ) -> None:
         self._topics, self._prefixes = topics, prefixes
         self._reader: Reader | None = None
         self._lock = threading.Lock()
         self._newest: Sample | None = None
+        self._now, self._watches, self._made_s = now, Stopwatches(), 0.0
         self._tf, self._repeat = Beat(TF_RATE_HZ), Beat(REPEAT_RATE_HZ)
+        self._summary = Beat(STATISTICS_RATE_HZ)
         self._before: frozenset[str] = frozenset()
         self._contents: dict[str, list[tuple[Topic, Content]]] = {}
         self._first: dict[str, list[tuple[Topic, Content]]] = {}
@@ -60,10 +80,15 @@ class Publishing:
 
     def states(self, sample: Sample, wanted: Iterable[frozenset[str]]) -> list[Out]:
         """Make the messages of a period: for each transport, those of its subscribed topics."""
+        begun_s, world = self._now(), sample.world
+        self._watches.sampled(begun_s, world.time, world.model.mj.opt.timestep, self._made_s)
         wanted = list(wanted)
         every = frozenset[str]().union(*wanted)
         fresh, self._before = every - self._before, every
         due = self._tf.due(sample.elapsed) or bool(sample.cameras)
+        if due:
+            self._watches.framed(begun_s)
+        summed = self._summary.due(sample.elapsed)
         self._newest = sample
         made: dict[str, tuple[Topic, Message]] = {}
         with self._lock:
@@ -74,10 +99,13 @@ class Publishing:
                     continue
                 if topic.rate == "tf" and not (due or name in fresh):
                     continue
+                if topic.rate == "statistics" and not summed:
+                    continue
                 message = self._made(topic, readings, sample.stamp)
                 if message is not None:
                     made[name] = topic, message
             readings.readout.let_go()
+        self._made_s = self._now() - begun_s
         return [[made[name] for name in names if name in made] for names in wanted]
 
     def last(self, name: str) -> Message | None:
@@ -123,7 +151,7 @@ class Publishing:
     def _readings(self, sample: Sample) -> SampleReadings:
         if self._reader is None or self._reader.model is not sample.world.model:
             self._reader = Reader(sample.world.model)
-        return SampleReadings(sample, self._reader.read(sample.world))
+        return SampleReadings(sample, self._reader.read(sample.world), self._watches.of)
 
     def _add(self, out: Out, event: Event, stamp: Stamp) -> None:
         topic = self._topics.get(event.name)
@@ -133,6 +161,8 @@ class Publishing:
         if topic.stamped and "header" not in message:
             own = event.stamp or stamp
             message = {"header": {"stamp": own, "frame_id": ""}, **message}
+        if topic.arm and topic.key in ("error", "warning", "status"):
+            message["data"] = spoken(topic.arm, message["data"])
         if topic.key == "operating_state":
             state = message["state"], message["is_homed"], message["is_busy"]
             self._states[event.name.removesuffix("/operating_state")] = state

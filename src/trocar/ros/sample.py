@@ -14,6 +14,7 @@ from trocar.descriptions.records import RigDescription
 from trocar.geometry.rotations import matrix_from_quaternion
 from trocar.geometry.se3 import transform
 from trocar.ros.clock import Stamp
+from trocar.ros.period_statistics import PeriodStatistics
 from trocar.simulation.readout import ArmReadout, Readout
 from trocar.simulation.records import ArmSample, WorldSample
 
@@ -122,10 +123,16 @@ class Sample:
 
 @dataclass(frozen=True, eq=False)
 class SampleReadings:
-    """A sample and the readings of its arms: the source of messages."""
+    """A sample and the readings of its arms: the source of messages.
+
+    Attributes:
+        sample, readout: as above
+        statistics: periods, by what they are of
+    """
 
     sample: Sample
     readout: Readout
+    statistics: Mapping[str, PeriodStatistics] = field(default_factory=dict[str, PeriodStatistics])
 
     def arm(self, name: str) -> ArmReadout:
         """Return the readings of an arm."""

@@ -14,6 +14,7 @@ from trocar.live.loop import Loop
 from trocar.live.state import Elapsed
 from trocar.ros.clock import Beat, Stamper
 from trocar.ros.sample import Event, Sample, scene_sample
+from trocar.simulation.arm import Arm
 from trocar.simulation.journal import Entry
 from trocar.simulation.records import ArmSample, WorldSample
 
@@ -94,6 +95,7 @@ class Sampler:
         self._events: deque[Event] = deque(maxlen=EVENTS)
         self._moved: set[str] = set()
         self._held: frozenset[str] = frozenset()
+        self._current: dict[str, str] = {}
         self._stops: list[Callable[[], None]] = []
         self._paused: bool | None = None
         self._timed = False
@@ -104,6 +106,11 @@ class Sampler:
 
     def start(self) -> None:
         """Watch from now on."""
+        arms = self._loop.world.arms
+        for name, before in self._prefixes.items():
+            if name in arms:
+                now = arms[name].operating_state()
+                self._current[before] = now.phase
         self._stops = [self._loop.world.listen(self._hear), self._loop.watch(self)]
 
     def stop(self) -> None:
@@ -192,6 +199,7 @@ class Sampler:
             self._moved.discard(entry.source)
             busy = entry.values["is_busy"] or entry.source in self._loop.held
             self._append(before, entry.name, {**entry.values, "is_busy": busy})
+            self._append_phase(before, self._loop.world.arm(entry.source))
         elif entry.name == "gripper/pinch":
             self._append(before, entry.name, {})
         elif entry.name in PLAIN:
@@ -200,6 +208,18 @@ class Sampler:
     def _append(self, before: str, key: str, fields: Mapping[str, Any]) -> None:
         stamp = self._stamper.stamp(self._loop.now)
         self._events.append(Event(f"{before}/{key}", fields, stamp))
+        if key == "desired_state":
+            self._append(before, "status", {"data": f"desired state {fields['data']}"})
+
+    def _append_phase(self, before: str, arm: Arm) -> None:
+        """Say which state an arm is in, as the dVRK's status messages name it, where it changed.
+
+        Source: SAW 9e535e6, mtsIntuitiveResearchKitArm.cpp:1168, and recorded answers.
+        """
+        phase = arm.operating_state().phase
+        if self._current.get(before, phase) != phase:
+            self._append(before, "status", {"data": f"current state {phase}"})
+        self._current[before] = phase
 
     def _repeat_states(self) -> None:
         """Publish again the state of arms that were commanded to move and changed none by it.

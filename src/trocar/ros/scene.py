@@ -47,7 +47,6 @@ from trocar.ros.topic import (
     Read,
     Topic,
     command,
-    event,
     latched,
     state,
 )
@@ -104,7 +103,7 @@ def scene_topics(rig: RigDescription) -> list[Topic]:
                 command(f"{at}/set_jp", JOINTS, unit, "put its joint there, at rest", put),
             ]  # fmt: skip
         if prop.script:
-            rows.append(event(f"{at}/error", STRING, "its script raised and is called no longer"))
+            rows.append(latched(f"{at}/error", STRING, "its script raised and is called no longer"))
     if any(prop.joint is None for prop in rig.objects):
         for arm in rig.arms:
             rows += _grasp_rows(arm.name) if arm.arm.fingers else []
@@ -129,8 +128,8 @@ def _grasp_rows(arm: str) -> list[Topic]:
     return [
         make("object", lambda grasp: grasp.object),
         make("force", lambda grasp: grasp.force),
-        event(f"{arm}/grasp/slipped", STRING, "object whose load exceeded friction"),
-        event(f"{arm}/grasp/dropped", STRING, "object that fell after the jaw released it"),
+        latched(f"{arm}/grasp/slipped", STRING, "object whose load exceeded friction"),
+        latched(f"{arm}/grasp/dropped", STRING, "object that fell after the jaw released it"),
     ]
 
 

@@ -19,7 +19,7 @@ from trocar.simulation.records import ArmStatus
 #: A message in memory: its fields by their names in ROS 2, nested; times are (s, ns).
 Message = dict[str, Any]
 Direction = Literal["pub", "sub"]
-Rate = Literal["state", "event", "tf", "camera", "clock"]
+Rate = Literal["state", "event", "tf", "camera", "clock", "statistics"]
 #: Makes a message from a sample; None without data, as for the jaw of a tool that has no jaw.
 Make = Callable[[SampleReadings, Stamp], "Message | None"]
 #: Checks a message, for an arm as it is now or for none, and returns the commands that it is.
@@ -59,8 +59,8 @@ class Topic:
         name: "PSM1/measured_js"; no leading slash
         type: "sensor_msgs/JointState"
         direction: "pub": the simulator publishes it; "sub": it listens
-        rate: of what is published: every period ("state", "tf", "camera", "clock"), or when
-            something happens ("event")
+        rate: of what is published: periodically ("state", "tf", "camera", "clock", "statistics"),
+            or when something happens ("event")
         latched: whether a late subscriber gets the last message
         depth: how many messages wait: 1 where only the newest counts
         unit: of the numbers
@@ -125,7 +125,7 @@ def state(
 
 
 def event(name: str, kind: str, text: str, unit: str = "", latched: bool = False) -> Topic:
-    """Return the row of a topic that is published when something happens."""
+    """Return the row of a topic of which late subscribers get nothing: commands to others."""
     return Topic(name, kind, "pub", latched=latched, unit=unit, help=text)
 
 
@@ -137,7 +137,10 @@ def latched(
     content: Content | None = None,
     first: Content | None = None,
 ) -> Topic:
-    """Return the row of an event whose last message late subscribers get."""
+    """Return the row of an event whose last message late subscribers get.
+
+    The dVRK latches every event. Source: cisst-ros 73aca61, mtsROSBridge.h:828 and :845.
+    """
     return replace(event(name, kind, text, unit, latched=True), content=content, first=first)
 
 

@@ -92,6 +92,7 @@ class ArmStatus:
     Attributes:
         balanced: whether gravity compensation is on
         state, homed, busy: the operating state
+        phase: within the operating state, as `OperatingState.phase`
         desired: where the last accepted state command or a fault leads
         base: as `set_base_frame` set it, T (4, 4) and frame; None where the rig determines it
         tool: name of the mounted tool, "" without one
@@ -105,6 +106,7 @@ class ArmStatus:
     state: str
     homed: bool
     busy: bool
+    phase: str
     desired: str
     base: tuple[Array, str] | None
     tool: str

@@ -285,6 +285,7 @@ class ArmRuntime:
                 states.state,
                 states.homed,
                 self.states.busy,
+                states.phase,
                 states.desired,
                 self.tip.placed,
                 self.description.tool,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
+from math import isfinite
 from typing import TYPE_CHECKING
 
 from trocar.descriptions.teleops import TeleopDescription
@@ -101,6 +102,7 @@ class TeleopComponent:
         """Request a state."""
         self.desired = state
         self.publish("desired_state", state)
+        self.publish("status", f"{self.name}: desired state {state}")
 
     def press_clutch(self, pressed: bool) -> None:
         """Press or release the clutch: while it is pressed the slave stays."""
@@ -118,10 +120,10 @@ class TeleopComponent:
         """Change the ratio of translations; the slave does not jump.
 
         Raises:
-            InputError: not above 0 to 1
+            InputError: not finite
         """
-        if not 0.0 < scale <= 1.0:
-            raise InputError(f"{self.name}: got a scale of {scale:g}; allowed: above 0 to 1")
+        if not isfinite(scale):
+            raise InputError(f"{self.name}: got a scale of {scale:g}; allowed: finite")
         self.scale = scale
         self.publish("scale", scale)
         if self.following:
@@ -228,6 +230,7 @@ class TeleopComponent:
         if state != self.current:
             self.current = state
             self.publish("current_state", state)
+            self.publish("status", f"{self.name}: current state {state}")
 
     def _disengage(self) -> None:
         self._set_following(False)

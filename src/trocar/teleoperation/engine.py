@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from functools import partial
+from math import isfinite
 from typing import Any, Protocol
 
 from trocar.descriptions.teleops import TeleopDescription
@@ -113,10 +114,10 @@ class Console:
         """Change the scale of every component.
 
         Raises:
-            InputError: not above 0 to 1
+            InputError: not finite
         """
-        if not 0.0 < scale <= 1.0:
-            raise InputError(f"got a scale of {scale:g}; allowed: above 0 to 1")
+        if not isfinite(scale):
+            raise InputError(f"got a scale of {scale:g}; allowed: finite")
         self.scale = scale
         for component in self._components.values():
             component.set_scale(scale)

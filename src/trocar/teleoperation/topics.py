@@ -29,6 +29,9 @@ JOYS = ("rotation_locked", "translation_locked")
 #: Namespace of the console's own topics.
 CONSOLE = "console/teleop"
 
+#: Topics that switch teleoperation off, too. Source: SAW 9e535e6, system.cpp:780.
+POWER_OFF = ("system/power_off", "console/power_off")
+
 KEYS, PAD = "teleop/keys", "teleop/gamepad"
 #: Sent when the web viewer loses the keyboard to another window.
 ASIDE = "aside"
@@ -105,8 +108,8 @@ def component(engine: Teleoperation) -> Component:
         console.publish = partial(publish, CONSOLE)
         console.publish("enabled", console.enabled)
         console.publish("scale", console.scale)
-        for name in console.selected:
-            console.publish("selected", name)
+        for name in engine.components:
+            console.publish("selected" if name in console.selected else "unselected", name)
         return engine.start()
 
     def read_name(message: Message) -> str:
@@ -124,6 +127,8 @@ def component(engine: Teleoperation) -> Component:
         f"{CONSOLE}/unselect": request(read_name, console.unselect),
         f"{CONSOLE}/set_scale": request(_read_scale, console.set_scale),
     }
+    switch_off = request(lambda _: False, console.enable)
+    pressed = dict(pedals.reads) | dict.fromkeys(POWER_OFF, switch_off)
     makes: dict[str, Make] = {}
     for name, one in engine.components.items():
         reads[f"{name}/state_command"] = request(_read_command, one.command)
@@ -134,7 +139,7 @@ def component(engine: Teleoperation) -> Component:
             reads[f"{name}/set_align_MTM"] = request(_read_flag, one.set_align)
             makes[f"{name}/alignment_offset"] = partial(_offset, one)
     rows = teleop_topics([one.description for one in engine.components.values()])
-    return Component(served(rows, reads, makes), begin, pedals.reads)
+    return Component(served(rows, reads, makes), begin, pressed)
 
 
 def input_component(
@@ -184,10 +189,7 @@ def _read_flag(message: Message) -> bool:
 
 
 def _read_scale(message: Message) -> float:
-    scale = number(message, "data")
-    if not 0.0 < scale <= 1.0:
-        raise RefusedError("scale", f"got a scale of {scale:g}; allowed: above 0 to 1")
-    return scale
+    return number(message, "data")
 
 
 def _state(one: TeleopComponent) -> Mapping[str, object]:

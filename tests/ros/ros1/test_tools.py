@@ -15,9 +15,19 @@ from trocar.descriptions import load_rig
 from trocar.kinematics.forward import pose
 from trocar.messages import message_names, message_type, ros1_decode, service_names, service_type
 from trocar.ros.core import service_table, topic_table
+from trocar.ros.transports.ros1.transport import SEQUENCE
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("simulator")]
 RIG = load_rig("psm")
+
+
+def warned(ear: Ear, words: str, most: int = 5) -> str:
+    """Return the warning with these words; the first one is the last before the ear came."""
+    for _ in range(most):
+        said = str(ros1_decode(message_type("std_msgs/String"), ear.packet())["data"])
+        if words in said:
+            return said
+    raise AssertionError(f"{most} warnings without {words!r}")
 
 
 def test_the_master_knows_every_row_of_the_table(master: Master) -> None:
@@ -73,10 +83,9 @@ def test_gains_are_on_the_parameter_server_and_bad_ones_refused(master: Master) 
     until(lambda: master.ask("hasParam", "/robot_description")[2], "the model is there")
     gains = master.ask("getParam", "/PSM1/yaw_controller")[2]
     assert set(gains) == {"p", "i", "d"}
-    ear = Ear(master, "/PSM1/warning")
-    master.ask("setParam", "/PSM1/yaw_controller/p", "much")
-    said = ros1_decode(message_type("std_msgs/String"), ear.packet())["data"]
-    assert "yaw_controller/p: got 'much'" in said
+    with closing(Ear(master, "/PSM1/warning")) as ear:
+        master.ask("setParam", "/PSM1/yaw_controller/p", "much")
+        assert warned(ear, "yaw_controller/p: got 'much'")
     master.ask("setParam", "/PSM1/yaw_controller/p", gains["p"])
     ear.close()
 
@@ -153,12 +162,11 @@ while True:
 
 def test_a_message_that_is_too_large_is_refused(master: Master) -> None:
     need(SYSTEM_PYTHON)
-    ear = Ear(master, "/PSM1/warning")
-    with subprocess.Popen([SYSTEM_PYTHON, "-c", HUGE], env=master.env) as process:
-        said = ros1_decode(message_type("std_msgs/String"), ear.packet())["data"]
-        process.kill()
-    assert "servo_jp: got 30000" in said and "allowed" in said
-    ear.close()
+    with closing(Ear(master, "/PSM1/warning")) as ear:
+        with subprocess.Popen([SYSTEM_PYTHON, "-c", HUGE], env=master.env) as process:
+            found = warned(ear, "servo_jp: got 30000")
+            process.kill()
+        assert "allowed" in found
 
 
 def test_the_simulation_goes_on_without_its_master_and_joins_a_new_one(tmp_path: Path) -> None:
@@ -179,3 +187,22 @@ def test_the_simulation_goes_on_without_its_master_and_joins_a_new_one(tmp_path:
         _, _, (out, _, _) = master.ask("getSystemState")
         assert not [nodes for _, nodes in out if "/trocar" in nodes]
         assert not [name for name in master.ask("getParamNames")[2] if name.startswith("/PSM1")]
+
+
+def test_headers_are_numbered_for_each_publisher(master: Master) -> None:
+    for topic in ("measured_js", "operating_state"):
+        with closing(Ear(master, f"/PSM1/{topic}")) as ear:
+            numbers = [SEQUENCE.unpack_from(ear.packet())[0] for _ in range(3)]
+        assert np.diff(numbers).tolist() == [1, 1], topic
+
+
+def test_a_late_subscriber_gets_the_last_goal_and_the_last_warning(master: Master) -> None:
+    need("rostopic")
+    publish = ("rostopic", "pub", "-1")
+    goal, kind = "position: [0.01, 0, 0, 0, 0, 0]", "sensor_msgs/JointState"
+    master.run(*publish, "/PSM1/move_jr", kind, f"{{{goal}}}")
+    master.run(*publish, "/PSM1/servo_jp", kind, "{position: [0.1]}")
+    with closing(Ear(master, "/PSM1/goal_reached")) as ear:
+        assert ros1_decode(message_type("std_msgs/Bool"), ear.packet())["data"] is True
+    with closing(Ear(master, "/PSM1/warning")) as ear:
+        assert warned(ear, "got 1 numbers in position", 1)

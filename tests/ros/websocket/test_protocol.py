@@ -95,8 +95,8 @@ def test_a_move_moves_the_arm(talk: Talk) -> None:
 @pytest.mark.parametrize(
     ("message", "words"),
     [
-        ({"position": [0.1, 0.2]}, "move_jp"),
-        ({"position": [math.nan] * 6}, "move_jp"),
+        ({"position": [0.1, 0.2]}, "move_jp: got 2 numbers"),
+        ({"position": [math.nan] * 6}, "move_jp: .*(nan|NaN)"),
         ({"position": "far"}, "move_jp: .*position"),
         ({"positions": HOME}, "move_jp: .*positions"),
     ],
@@ -107,8 +107,7 @@ def test_a_bad_message_is_told_on_the_arms_warning_topic(
     served.core.forget_refusals()
     talk.send(op="subscribe", topic="/PSM1/warning")
     talk.send(op="publish", topic="/PSM1/move_jp", msg=message)
-    warning = talk.hear_on("/PSM1/warning")["data"]
-    assert re.search(words, warning), warning
+    talk.hear_on("/PSM1/warning", lambda m: bool(re.search(words, m["data"])))  # not the last one
     assert until(lambda: abs(served.loop.latest.arms["PSM1"].setpoint[:6] - HOME).max() < 1e-6)
 
 

@@ -420,8 +420,7 @@ class RclpyTransport:
 
     def _advertise(self, topic: Topic, own: Any) -> None:
         made = message_class(message_type(topic.type))
-        depth = 1 if topic.latched else topic.depth
-        profile = self._quality(depth, latched=topic.latched)
+        profile = self._quality(topic.depth, latched=topic.latched)
         self._publishers[topic.name] = own.create_publisher(made, f"/{topic.name}", profile)
 
     def _publish(self, parcel: tuple[Topic, Message | bytes]) -> None:

@@ -13,12 +13,14 @@ from __future__ import annotations
 import logging
 import select
 import socket
+import struct
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
+from itertools import count
 from typing import TYPE_CHECKING, Any
 
 from trocar.errors import InputError, TrocarError
@@ -39,6 +41,13 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger("trocar")
 
+#: rospy publishes on /rosout what this logger gets.
+ROSOUT = logging.getLogger("rosout")
+#: Ends of the names of topics whose messages are also on /rosout. Source: cisst-ros 73aca61,
+#: mts_ros_crtk_bridge_provided.cpp.
+LEVELS = {"error": logging.ERROR, "warning": logging.WARNING, "status": logging.INFO}
+STRING = "std_msgs/String"
+
 NODE = "trocar"
 #: Debian 12's (and Ubuntu's, from 22.04 on) names of what `--ros1` needs.
 PACKAGES = "python3-rospy python3-rosmaster python3-std-msgs python3-rosgraph-msgs"
@@ -48,6 +57,8 @@ SERVICE_S = 5.0
 WATCH_S = 2.0
 #: Longest time to unregister. Source: our own choice; it takes tenths of a second. [s]
 FAREWELL_S = 10.0
+#: First field of a header: the number of the message among its publisher's.
+SEQUENCE = struct.Struct("<I")
 GONE = "ROS 1: the master at %s is unreachable; the simulation and existing connections continue"
 
 
@@ -73,13 +84,21 @@ class Rospy:
     registration: Any
 
     def message_class(self, kind: MessageType) -> Any:
-        """Return a class of messages that hold their bytes in `data`."""
+        """Return a class of messages that hold their bytes in `data`.
 
-        def init(own: Any, data: bytes = b"") -> None:
-            own.data = data
+        `seq` is written as the number of the message where it begins with a header.
+        """
+        numbered = bool(kind.fields) and kind.fields[0].type == "std_msgs/Header"
+
+        def init(own: Any, data: bytes = b"", seq: int = 0) -> None:
+            own.data, own.seq = data, seq
 
         def serialize(own: Any, buffer: Any) -> None:
-            buffer.write(own.data)
+            if not numbered:
+                buffer.write(own.data)
+                return
+            buffer.write(SEQUENCE.pack(own.seq % 2**32))
+            buffer.write(memoryview(own.data)[SEQUENCE.size :])
 
         def deserialize(own: Any, data: bytes) -> Any:
             own.data = data
@@ -89,13 +108,13 @@ class Rospy:
             kind.name.replace("/", "_"),
             (self.genpy.Message,),
             {
-                "__slots__": ("data",),
+                "__slots__": ("data", "seq"),
                 "__init__": init,
                 "__module__": __name__,
                 "_type": kind.name,
                 "_md5sum": kind.md5,
                 "_full_text": kind.text_ros1,
-                "_has_header": False,  # rospy would write its sequence number into an attribute
+                "_has_header": False,  # rospy would count a message for each of its subscribers
                 "_slot_types": ("uint8[]",),
                 "serialize": serialize,
                 "deserialize": deserialize,
@@ -116,8 +135,13 @@ class Rospy:
             },
         )
 
-    def join(self, node: str, *, anonymous: bool = False) -> None:
+    def join(self, node: str, *, anonymous: bool = False, rosout: bool = False) -> None:
         """Become a node, once in a process; signals, logging and time stay the process's own.
+
+        Args:
+            node: its name
+            anonymous: append a number to the name
+            rosout: publish on /rosout what is logged by the logger of that name
 
         Raises:
             InputError: the process is a node already
@@ -130,11 +154,13 @@ class Rospy:
         logging.getLogger("rospy").setLevel(logging.CRITICAL)
         keep: Callable[..., None] = lambda *_, **__: None  # noqa: E731
         self.rospy.core.configure_logging = keep
-        options = {"disable_signals": True, "disable_rosout": True, "disable_rostime": True}
+        options = {"disable_signals": True, "disable_rosout": not rosout, "disable_rostime": True}
         try:
             self.rospy.init_node(node, argv=[], anonymous=anonymous, **options)
         except (self.rospy.ROSException, ValueError, OSError) as error:
             raise TrocarError(f"--ros1: rospy cannot start its node: {error}") from error
+        ROSOUT.setLevel(logging.INFO)
+        ROSOUT.propagate = False
 
 
 def load() -> Rospy:
@@ -193,6 +219,7 @@ class Ros1Transport:
         self.node = node
         self.greeting = ""
         self._publishers: dict[str, Any] = {}
+        self._sent: dict[str, Iterator[int]] = {}
         self._subscribers = Subscribers()
         self._over = threading.Event()
         self._watcher: threading.Thread | None = None
@@ -212,7 +239,7 @@ class Ros1Transport:
         self._ros = load()
         self._master = find_master()
         address = settle_address(self._master)
-        self._ros.join(self.node)
+        self._ros.join(self.node, rosout=True)
         for topic in core.topics.values():
             if not topic.later:
                 register = self._advertise if topic.direction == "pub" else self._listen
@@ -257,6 +284,9 @@ class Ros1Transport:
                 continue
             if topic.latched or topic.name in self._subscribers.topics:
                 self._publish(topic, publisher, message)
+            level = LEVELS.get(topic.name.rpartition("/")[2])
+            if level is not None and topic.type == STRING:
+                ROSOUT.log(level, "%s", message["data"])
 
     def _advertise(self, topic: Topic) -> None:
         kind = message_type(topic.type)
@@ -267,6 +297,7 @@ class Ros1Transport:
             latch=topic.latched,
             queue_size=topic.depth,
         )
+        self._sent[topic.name] = count()
         if topic.rate not in ("event", "camera"):
             publisher.impl.set_queue_size(None)
         last = self._core.latched(topic.name)
@@ -277,7 +308,7 @@ class Ros1Transport:
         try:
             kind = message_type(topic.type)
             data = message if isinstance(message, bytes) else ros1_encode(kind, message)
-            made, impl = publisher.data_class(data), publisher.impl
+            made, impl = publisher.data_class(data, next(self._sent[topic.name])), publisher.impl
             if topic.latched or impl.queue_size is not None:
                 publisher.publish(made)
                 return

@@ -31,7 +31,13 @@ ALIGNING = "ALIGNING_MTM"
 ENABLED = "ENABLED"
 
 #: {state command: the state that is then requested}. Source: SAW mtsTeleOperationPSM.cpp.
-COMMANDS = {"enable": ENABLED, "disable": DISABLED, "align_mtm": ALIGNING}
+#: 2.4's topics say align_mtm where its commands say align_MTM; both are accepted.
+COMMANDS = {
+    "enable": ENABLED,
+    "disable": DISABLED,
+    "align_MTM": ALIGNING,
+    "align_mtm": ALIGNING,
+}
 
 #: Time that arms have to get ready. Source: SAW mtsTeleOperationPSM.cpp. [s]
 READY_S = 60.0
@@ -88,7 +94,7 @@ class TeleopComponent:
     # ------------------------------------------------------------------ commands
 
     def command(self, word: str) -> None:
-        """Request another state: "enable", "disable" or "align_mtm".
+        """Request another state: "enable", "disable" or "align_MTM".
 
         Raises:
             UnknownNameError: another word
@@ -99,8 +105,10 @@ class TeleopComponent:
 
     def request(self, state: str) -> None:
         """Request a state."""
-        self.desired = state
+        changed, self.desired = state != self.desired, state
         self.publish("desired_state", state)
+        if changed:
+            self.publish("status", f"{self.name}: set desired state to {state}")
 
     def press_clutch(self, pressed: bool) -> None:
         """Press or release the clutch: while it is pressed the slave stays."""
@@ -228,6 +236,7 @@ class TeleopComponent:
         if state != self.current:
             self.current = state
             self.publish("current_state", state)
+            self.publish("status", f"{self.name}: current state is {state}")
 
     def _disengage(self) -> None:
         self._set_following(False)
@@ -254,6 +263,7 @@ class TeleopComponent:
         self._enter(DISABLED)
 
     def _fail(self, reason: str) -> None:
+        """Disable it. `desired_state` is not published: nobody commanded it, as on the dVRK."""
         self.report("error", reason)
-        self.request(DISABLED)
+        self.desired = DISABLED
         self._stop()

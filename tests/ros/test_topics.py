@@ -112,9 +112,15 @@ LOCKS = {
         SENSOR + "Joy": "rotation_locked translation_locked",
         STD + "Bool": "align_mtm",
         GEOMETRY + "QuaternionStamped": "alignment_offset",
+        GEOMETRY + "PoseStamped": "MTM/measured_cp PSM/setpoint_cp",
+        GEOMETRY + "TwistStamped": "MTM/measured_cv",
     },
-    "sub": {STD + "Bool": "lock_rotation lock_translation set_align_MTM"},
+    "sub": {
+        STD + "Bool": "lock_rotation lock_translation set_align_MTM",
+        GEOMETRY + "WrenchStamped": "following/mtm/body/servo_cf",
+    },
 }
+SCOPE = {"pub": {GEOMETRY + "PoseStamped": "ECM/measured_cp MTML/measured_cp MTMR/measured_cp"}}
 OUR_OWN_OF_SETUP_JOINTS = (
     "desired_state",
     "goal_reached",
@@ -142,6 +148,7 @@ OWNERS = [
     ("MTMR_PSM1/", TELEOPERATION),
     ("MTMR_PSM1/", LOCKS),
     ("MTML_MTMR_ECM/", TELEOPERATION),
+    ("MTML_MTMR_ECM/", SCOPE),
 ]
 PUBLISHED = {
     (before + key, kind, direction)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import radians
 from pathlib import Path
 from typing import Any
 
@@ -135,9 +136,9 @@ def test_the_tool_follows_once_the_master_has_turned_all_the_way_in_one_move() -
 
 def test_gripper_and_roll_together_show_a_hand_by_less_than_each_alone() -> None:
     for gripper, present in ((30.0, False), (33.0, True)):  # with 3: 0.8 of 40 + 4 is 35.2
-        hand = HandDetector(*np.radians([40.0, 4.0]))
+        hand = HandDetector(radians(40.0), radians(4.0))
         hand.update(0.0, rotation_z(0.0))
-        assert hand.update(*np.radians([gripper]), rotation_z(np.radians(3.0))) is present
+        assert hand.update(radians(gripper), rotation_z(radians(3.0))) is present
 
 
 @pytest.mark.slow

@@ -354,7 +354,8 @@ TELEOP_TOOL = (
     state("MTM/measured_cv", TWIST, SPEED, "its velocity, of a master that is an arm of the rig"),
     state("PSM/setpoint_cp", POSE, PLACE, "the commanded tip of the instrument"),
     command("following/mtm/body/servo_cf", WRENCH, FORCE,
-            "wrench on the hand while the instrument follows, in axes of the handle"),
+            "wrench on the hand while the instrument follows, in axes of the handle",
+            newest=True),
 )  # fmt: skip
 
 #: Of one that moves the endoscope; masters are MTML and MTMR, whatever their names.

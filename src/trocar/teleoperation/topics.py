@@ -148,9 +148,8 @@ def component(engine: Teleoperation) -> Component:
             reads[f"{name}/lock_rotation"] = request(_read_flag, one.lock_rotation)
             reads[f"{name}/lock_translation"] = request(_read_flag, one.lock_translation)
             reads[f"{name}/set_align_MTM"] = request(_read_flag, one.set_align)
-            reads[f"{name}/following/mtm/body/servo_cf"] = request(
-                partial(_read_wrench, one.masters[0]), one.exert
-            )
+            topic = f"{name}/following/mtm/body/servo_cf"
+            reads[topic] = request(partial(_read_wrench, one.masters[0]), one.exert, topic)
             makes[f"{name}/alignment_offset"] = partial(_offset, one)
             makes[f"{name}/MTM/measured_cp"] = partial(_handle, one.masters[0])
             makes[f"{name}/MTM/measured_cv"] = partial(_velocity, one.masters[0])

@@ -35,6 +35,8 @@ Array = NDArray[np.float64]
 RATE_HZ = 100.0
 #: Way of the hand and duration of one motion. Source: our own choice. [m, s]
 WAY, MOTION_S = 0.02, 2.0
+#: Swing of both masters that moves the endoscope. Source: our own choice. [rad]
+SWING = 0.05
 #: Time in which a state must come. Source: our own choice. [s]
 LATE_S = 20.0
 #: Time after which what moved has come to rest. Source: our own choice. [s]
@@ -104,12 +106,14 @@ class Surgeon:
             topics.read(f"{arm}/setpoint_cp", PoseStamped)
             topics.read(f"{arm}/measured_cp", PoseStamped)
             topics.read(f"{arm}/setpoint_js", JointState)
+            topics.read(f"{arm}/measured_js", JointState)
             topics.read(f"{arm}/operating_state", crtk_msgs.msg.OperatingState)
             topics.hear(f"{arm}/error")
             topics.hear(f"{arm}/warning")
             topics.open(f"{arm}/state_command", crtk_msgs.msg.StringStamped)
         for arm in self.masters:
             topics.open(f"{arm}/servo_cp", PoseStamped)
+            topics.open(f"{arm}/servo_jp", JointState)
         topics.read(f"{master}/gripper/measured_js", JointState)
         topics.read(f"{tool}/jaw/setpoint_js", JointState)
         topics.read(f"{tool}/jaw/measured_js", JointState)
@@ -187,6 +191,24 @@ class Surgeon:
             rate.sleep()
         time.sleep(REST_S)
 
+    def swing(self, angle: float) -> None:
+        """Swing every master evenly about its base, by joint positions, by an angle [rad].
+
+        By `servo_cp` a simulated MTM of the dVRK jumps here: its inverse kinematics starts anew
+        each time, as the console commands wrenches in between.
+        """
+        start = {arm: self.topics.joints(f"{arm}/measured_js") for arm in self.masters}
+        count = round(MOTION_S * RATE_HZ)
+        rate = rospy.Rate(RATE_HZ)
+        for k in range(1, count + 1):
+            part = k / count
+            part = part * part * (3.0 - 2.0 * part)
+            for arm, q in start.items():
+                position = [q[0] + part * angle, *q[1:]]
+                self.topics.send(f"{arm}/servo_jp", JointState(position=position))
+            rate.sleep()
+        time.sleep(REST_S)
+
     def squeeze(self, opening: float) -> None:
         """Set the master's gripper [rad]."""
         self.topics.send(f"{self.master}/gripper/servo_jp", JointState(position=[opening]))
@@ -250,10 +272,10 @@ class Surgeon:
         self.press("camera", True)
         self.until("the endoscope follows", lambda: self.follows("MTML_MTMR_ECM"))
         joints, before = self.topics.joints("ECM/setpoint_js"), self.topics.joints(f"{self.tool}/setpoint_js")
-        self.move(dict.fromkeys(self.masters, (WAY, 0.0, 0.0)))
+        self.swing(SWING)
         changed = self.topics.joints("ECM/setpoint_js") - joints
         self.figures["camera_joints_mrad"] = [round(1e3 * float(x), 3) for x in changed]
-        self.move(dict.fromkeys(self.masters, (-WAY, 0.0, 0.0)))
+        self.swing(-SWING)
         self.figures["camera_back_mrad"] = 1e3 * float(
             np.abs(self.topics.joints("ECM/setpoint_js") - joints).max()
         )

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from tests.teleoperation.console_rig import TICK_S, Bench, tip_in_image
+from trocar.descriptions.teleops import TeleopDescription
 from trocar.geometry import angle_between
 from trocar.geometry.rotations import rotation_z
 from trocar.recording import record
 from trocar.robot.follow import repeat
 from trocar.simulation import World
-from trocar.teleoperation.psm import HandDetector, PsmTeleoperation
+from trocar.teleoperation.psm import HandDetector, JawFollower, PsmTeleoperation
 
 SHIFT = np.array([0.02, -0.015, 0.01])
 
@@ -132,6 +133,16 @@ def test_the_tool_follows_once_the_master_has_turned_all_the_way_in_one_move() -
     assert len(moves) == 1
     np.testing.assert_allclose(commanded, moves[0], atol=1e-5)  # its last tick
     assert np.degrees(angle_between(np.eye(3), one.offset)) < 2.0  # friction of the gimbal
+
+
+@pytest.mark.parametrize(("gripper", "jaw"), [(40.0, 53.33), (10.0, 13.33), (50.0, 66.67)])
+def test_the_widest_gripper_opens_the_jaw_to_its_limit(gripper: float, jaw: float) -> None:
+    """As sawIntuitiveResearchKit 9e535e6 does with a PSM of its own (KINEMATIC, a needle driver)."""
+    description = TeleopDescription("MTMR_PSM1", "psm", ("MTMR",), "PSM1")
+    follower = JawFollower(description, radians(-40.0), radians(80.0), radians(20.0))
+    for _ in range(5000):
+        follower.follow(radians(gripper), 0.001)
+    assert np.degrees(follower.jaw) == pytest.approx(jaw, abs=0.01)
 
 
 def test_gripper_and_roll_together_show_a_hand_by_less_than_each_alone() -> None:

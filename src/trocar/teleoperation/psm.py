@@ -31,16 +31,15 @@ MET = math.radians(2.0)
 #: Part of the sum of both thresholds that is enough of gripper and roll together. Source: SAW
 #: mtsTeleOperationPSM.cpp, TransitionAligningMTM.
 BOTH = 0.8
-#: The jaw's opening at the gripper's widest. Source: facts of the dVRK: 60 deg of both. [rad]
-WIDE = math.radians(60.0)
 
 
 @dataclass
 class JawFollower:
     """Let the jaw follow the gripper, slowly until they have met.
 
-    A ghost of the gripper goes after it, beginning where the jaw is.
-    Source: SAW mtsTeleOperationPSM.cpp, RunEnabled.
+    A ghost of the gripper goes after it, beginning where the jaw is. The gripper at `gripper_max`
+    opens the jaw to its upper limit. Source: SAW mtsTeleOperationPSM.cpp, RunJawGripperTeleop,
+    UpdateGripperToJawConfiguration.
 
     Args:
         description: openings and speeds
@@ -71,7 +70,7 @@ class JawFollower:
 
     @property
     def _ratio(self) -> float:
-        return (self.description.gripper_max - self.description.gripper_zero) / WIDE
+        return (self.description.gripper_max - self.description.gripper_zero) / self.upper
 
     def _gripper(self, jaw: float) -> float:
         return self.description.gripper_zero + jaw * self._ratio

@@ -238,7 +238,7 @@ class Teleoperation:
         masters: {name: master}
         console: switches them
         pedals: of the console
-        carriers: {name of a simulated master: a hand that carries it}
+        carriers: {MTM of the rig: a hand that carries it}
         players: move masters by themselves
 
     Raises:
@@ -270,8 +270,8 @@ class Teleoperation:
                 tool.fixtures = fixtures
         self.carriers = {
             name: HandleMover(self.world, name)
-            for name, master in self.masters.items()
-            if isinstance(master, ArmMaster)
+            for name, arm in self.world.arms.items()
+            if arm.description.type == "MTM"
         }
         self.players: list[MasterDriver] = []
         self.console = Console(self.components)

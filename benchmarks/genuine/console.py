@@ -25,9 +25,9 @@ import crtk_msgs.msg
 import numpy as np
 import rospy
 from geometry_msgs.msg import PoseStamped
+from numpy.typing import NDArray
 from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Bool, Float64, String
-from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
@@ -37,6 +37,8 @@ RATE_HZ = 100.0
 WAY, MOTION_S = 0.02, 2.0
 #: Swing of both masters that moves the endoscope. Source: our own choice. [rad]
 SWING = 0.05
+#: In trocar's warnings of two programs that command one arm.
+BESIDE = "the newest command counts"
 #: Time in which a state must come. Source: our own choice. [s]
 LATE_S = 20.0
 #: Time after which what moved has come to rest. Source: our own choice. [s]
@@ -218,11 +220,9 @@ class Surgeon:
     def begin(self) -> None:
         """Enable and home every arm, switch the console on and wait until the tool follows."""
         for arm in (*self.masters, *self.arms):
-            self.until(f"{arm} publishes", lambda arm=arm: bool(self.topics.last[f"{arm}/setpoint_cp"]))
+            self.until(f"{arm} publishes", lambda arm=arm: f"{arm}/setpoint_cp" in self.topics.last)
             for verb in ("enable", "home"):
-                self.topics.send(
-                    f"{arm}/state_command", crtk_msgs.msg.StringStamped(string=verb)
-                )
+                self.topics.send(f"{arm}/state_command", crtk_msgs.msg.StringStamped(string=verb))
                 time.sleep(0.5)
         for arm in (*self.masters, *self.arms):
             self.until(f"{arm} is homed", lambda arm=arm: self.ready(arm))
@@ -232,8 +232,9 @@ class Surgeon:
         self.topics.send("console/teleop/set_scale", Float64(data=0.2))
         self.press("operator_present", True)
         self.figures["align_s"] = self.until("the tool follows", self.follows)
-        R, S = (self.topics.pose(f"{arm}_cp")[1] for arm in (f"{self.master}/measured", f"{self.tool}/setpoint"))
-        self.figures["misalignment_deg"] = math.degrees(_angle(R, S))
+        handle = self.topics.pose(f"{self.master}/measured_cp")[1]
+        tip = self.topics.pose(f"{self.tool}/setpoint_cp")[1]
+        self.figures["misalignment_deg"] = math.degrees(_angle(handle, tip))
 
     def follow(self, name: str, scale: float) -> None:
         """Move the hand there and back along each axis; note how far the tip went."""
@@ -271,7 +272,8 @@ class Surgeon:
         """Move the endoscope with the camera pedal pressed; note what tool and endoscope did."""
         self.press("camera", True)
         self.until("the endoscope follows", lambda: self.follows("MTML_MTMR_ECM"))
-        joints, before = self.topics.joints("ECM/setpoint_js"), self.topics.joints(f"{self.tool}/setpoint_js")
+        joints = self.topics.joints("ECM/setpoint_js")
+        before = self.topics.joints(f"{self.tool}/setpoint_js")
         self.swing(SWING)
         changed = self.topics.joints("ECM/setpoint_js") - joints
         self.figures["camera_joints_mrad"] = [round(1e3 * float(x), 3) for x in changed]
@@ -330,7 +332,10 @@ class Surgeon:
 
     def report(self) -> None:
         """Print the figures and what arms said."""
-        self.figures["messages"] = [f"{topic}: {text}" for topic, text in self.topics.said]
+        said = [f"{topic}: {text}" for topic, text in self.topics.said]
+        beside = [text for text in said if BESIDE in text]  # this program and the console, in turn
+        self.figures["beside"] = len(beside)
+        self.figures["messages"] = sorted({text for text in said if text not in beside})
         print(json.dumps(self.figures, indent=2), flush=True)
 
 

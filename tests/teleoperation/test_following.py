@@ -137,7 +137,7 @@ def test_the_tool_follows_once_the_master_has_turned_all_the_way_in_one_move() -
 
 @pytest.mark.parametrize(("gripper", "jaw"), [(40.0, 53.33), (10.0, 13.33), (50.0, 66.67)])
 def test_the_widest_gripper_opens_the_jaw_to_its_limit(gripper: float, jaw: float) -> None:
-    """As sawIntuitiveResearchKit 9e535e6 does with a PSM of its own (KINEMATIC, a needle driver)."""
+    """As recorded of sawIntuitiveResearchKit 9e535e6 with a KINEMATIC PSM and a needle driver."""
     description = TeleopDescription("MTMR_PSM1", "psm", ("MTMR",), "PSM1")
     follower = JawFollower(description, radians(-40.0), radians(80.0), radians(20.0))
     for _ in range(5000):

@@ -31,7 +31,7 @@ ALIGNING = "ALIGNING_MTM"
 ENABLED = "ENABLED"
 
 #: {state command: the state that is then requested}. Source: SAW mtsTeleOperationPSM.cpp.
-#: 2.4's topics say align_mtm where its commands say align_MTM; both are accepted.
+#: Both spellings are accepted: the topic that publishes the setting is called align_mtm.
 COMMANDS = {
     "enable": ENABLED,
     "disable": DISABLED,
@@ -263,7 +263,7 @@ class TeleopComponent:
         self._enter(DISABLED)
 
     def _fail(self, reason: str) -> None:
-        """Disable it. `desired_state` is not published: nobody commanded it, as on the dVRK."""
+        """Disable it without publishing `desired_state`, which shows commands, as on the dVRK."""
         self.report("error", reason)
         self.desired = DISABLED
         self._stop()

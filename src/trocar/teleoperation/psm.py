@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 ALIGN_S = 0.05
 #: Gripper and jaw have met. Source: SAW mtsIntuitiveResearchKit.h, ToleranceBackFromClutch. [rad]
 MET = math.radians(2.0)
+CLUTCH = {True: "pressed", False: "released"}
 #: Part of the sum of both thresholds that is enough of gripper and roll together. Source: SAW
 #: mtsTeleOperationPSM.cpp, TransitionAligningMTM.
 BOTH = 0.8
@@ -149,6 +150,14 @@ class PsmTeleoperation(TeleopComponent):
         self._reason = ""
 
     # ------------------------------------------------------------------ commands
+
+    def press_clutch(self, pressed: bool) -> None:
+        """Press or release the clutch; outside of following that is published alone."""
+        if self.desired != ENABLED or self.current != ENABLED:
+            if pressed:
+                self.publish("following", False)
+            self.publish("status", f"{self.name}: console clutch {CLUTCH[pressed]}")
+        super().press_clutch(pressed)
 
     def lock_rotation(self, on: bool) -> None:
         """Keep the instrument's orientation, or turn it with the hand again."""
@@ -283,15 +292,16 @@ class PsmTeleoperation(TeleopComponent):
             self._slave = None
         if state == ALIGNING:
             self._aligned_at = -np.inf
+            self.publish("scale", self.scale)
             self._hand.restart()
             self._hand.present = self._hand.present and self._after_pause
             self._after_pause = False
         super()._enter(state)
 
     def _align_anew(self) -> None:
-        self._stop_following()
+        """Pass through DISABLED, as on the dVRK; the hand is there already."""
         self._after_pause = True
-        self._enter(SETTING)
+        self._stop()
 
     def _engage_anew(self) -> None:
         if self.following:

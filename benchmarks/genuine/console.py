@@ -35,8 +35,8 @@ Array = NDArray[np.float64]
 RATE_HZ = 100.0
 #: Way of the hand and duration of one motion. Source: our own choice. [m, s]
 WAY, MOTION_S = 0.02, 2.0
-#: Swing of both masters that moves the endoscope. Source: our own choice. [rad]
-SWING = 0.05
+#: Swing of both masters that moves the endoscope [rad], in steps. Source: our own choice.
+SWING, STEPS = 0.05, 5
 #: In trocar's warnings of two programs that command one arm.
 BESIDE = "the newest command counts"
 #: Time in which a state must come. Source: our own choice. [s]
@@ -194,21 +194,17 @@ class Surgeon:
         time.sleep(REST_S)
 
     def swing(self, angle: float) -> None:
-        """Swing every master evenly about its base, by joint positions, by an angle [rad].
+        """Swing every master about its base, by joint positions in few steps, by an angle [rad].
 
-        By `servo_cp` a simulated MTM of the dVRK jumps here: its inverse kinematics starts anew
-        each time, as the console commands wrenches in between.
+        The console commands wrenches and orientations of the masters in between: a simulated MTM
+        of the dVRK jumps by decimetres for some of the commands, the oftener the more there are.
         """
         start = {arm: self.topics.joints(f"{arm}/measured_js") for arm in self.masters}
-        count = round(MOTION_S * RATE_HZ)
-        rate = rospy.Rate(RATE_HZ)
-        for k in range(1, count + 1):
-            part = k / count
-            part = part * part * (3.0 - 2.0 * part)
+        for k in range(1, STEPS + 1):
             for arm, q in start.items():
-                position = [q[0] + part * angle, *q[1:]]
+                position = [q[0] + k / STEPS * angle, *q[1:]]
                 self.topics.send(f"{arm}/servo_jp", JointState(position=position))
-            rate.sleep()
+            time.sleep(MOTION_S / STEPS)
         time.sleep(REST_S)
 
     def squeeze(self, opening: float) -> None:

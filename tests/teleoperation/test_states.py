@@ -118,6 +118,7 @@ def test_a_component_goes_through_its_states_and_back() -> None:
     [
         (f"{NAME}/state_command", {"string": "fly"}, "allowed: enable, disable, align_MTM"),
         (f"{NAME}/set_scale", {"data": 0.0}, "above 0 to 1"),
+        ("MTML_MTMR_ECM/state_command", {"string": "align_MTM"}, "allowed: enable, disable"),
         (f"{NAME}/lock_rotation", {"data": 3}, "true or false"),
         ("console/teleop/select", {"data": "MTMX"}, "allowed: MTMR_PSM1"),
         ("console/teleop/set_scale", {"data": float("nan")}, "finite"),
@@ -171,6 +172,20 @@ def test_a_master_aligns_without_moving_the_tool(word: str) -> None:
     assert served.published(f"{NAME}/desired_state")[-1] == "ALIGNING_MTM"
     assert served.published(f"{NAME}/current_state")[-1] == "ALIGNING_MTM"
     assert not any(served.published(f"{NAME}/following"))
+
+
+def test_a_change_of_alignment_passes_through_disabled_with_the_hand_remembered() -> None:
+    """As recorded of sawIntuitiveResearchKit 9e535e6: also for lock_rotation false."""
+    served = Served()
+    served.follow()
+    for topic, on in (("set_align_MTM", False), ("set_align_MTM", True), ("lock_rotation", False)):
+        before = len(served.published(f"{NAME}/current_state"))
+        served.send(f"{NAME}/{topic}", data=on)
+        served.run(1.5)
+        assert served.published(f"{NAME}/current_state")[before:] == [
+            "DISABLED", "SETTING_ARMS_STATE", "ALIGNING_MTM", "ENABLED",
+        ]  # fmt: skip
+        assert served.published(f"{NAME}/following")[-2:] == [False, True]
 
 
 def test_status_tells_of_each_change_of_state() -> None:

@@ -330,7 +330,7 @@ TELEOP_CONSOLE = (
 
 #: Of a component that moves an instrument or the endoscope by masters.
 TELEOP = (
-    command("state_command", COMMAND, "", "enable, disable, align_MTM (or align_mtm)"),
+    command("state_command", COMMAND, "", "enable, disable; of an instrument's: align_MTM"),
     latched("current_state", STRING, "state of the component"),
     latched("desired_state", STRING, "the last commanded state"),
     latched("following", BOOL, "whether the instrument follows"),

@@ -7,7 +7,7 @@ Source: SAW mtsTeleOperationPSM.cpp; mtsTeleOperationECM.cpp has all but the ali
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from trocar.descriptions.teleops import TeleopDescription
@@ -30,14 +30,6 @@ SETTING = "SETTING_ARMS_STATE"
 ALIGNING = "ALIGNING_MTM"
 ENABLED = "ENABLED"
 
-#: {state command: the state that is then requested}. Source: SAW mtsTeleOperationPSM.cpp.
-#: Both spellings are accepted: the topic that publishes the setting is called align_mtm.
-COMMANDS = {
-    "enable": ENABLED,
-    "disable": DISABLED,
-    "align_MTM": ALIGNING,
-    "align_mtm": ALIGNING,
-}
 
 #: Time that arms have to get ready. Source: SAW mtsTeleOperationPSM.cpp. [s]
 READY_S = 60.0
@@ -70,6 +62,9 @@ class TeleopComponent:
         message: the last report, "" once the slave follows
     """
 
+    #: {state command: the state that is then requested}. Source: SAW mtsTeleOperationECM.cpp.
+    commands: Mapping[str, str] = {"enable": ENABLED, "disable": DISABLED}
+
     def __init__(
         self, world: World, description: TeleopDescription, masters: Sequence[Master]
     ) -> None:
@@ -94,14 +89,14 @@ class TeleopComponent:
     # ------------------------------------------------------------------ commands
 
     def command(self, word: str) -> None:
-        """Request another state: "enable", "disable" or "align_MTM".
+        """Request another state: "enable", "disable" or, of an instrument, "align_MTM".
 
         Raises:
             UnknownNameError: another word
         """
-        if word not in COMMANDS:
-            raise UnknownNameError("state command", word, COMMANDS, self.name)
-        self.request(COMMANDS[word])
+        if word not in self.commands:
+            raise UnknownNameError("state command", word, self.commands, self.name)
+        self.request(self.commands[word])
 
     def request(self, state: str) -> None:
         """Request a state."""
@@ -257,6 +252,8 @@ class TeleopComponent:
                 slave.hold()
 
     def _stop(self) -> None:
+        if not self.following:
+            self.publish("following", False)  # at each stop, as on the dVRK
         self._stop_following()
         for master in self.masters:
             master.hold(self.world)

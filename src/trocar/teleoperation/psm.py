@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -131,6 +131,13 @@ class PsmTeleoperation(TeleopComponent):
         wrench: of a client on the hand while the tool follows, in axes of the handle, (6,)
             [N, N m], None without any
     """
+
+    #: Both spellings are accepted: the topic that publishes the setting is called align_mtm.
+    commands: Mapping[str, str] = {
+        **TeleopComponent.commands,
+        "align_MTM": ALIGNING,
+        "align_mtm": ALIGNING,
+    }
 
     def __init__(
         self, world: World, description: TeleopDescription, masters: Sequence[Master]

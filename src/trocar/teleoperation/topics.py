@@ -25,7 +25,7 @@ from trocar.ros.message_fields import (
     wrench,
 )
 from trocar.ros.topic import JOY, STRING, Make, Read, command, served
-from trocar.teleoperation.component import COMMANDS, TeleopComponent
+from trocar.teleoperation.component import TeleopComponent
 from trocar.teleoperation.devices import DeviceCommand, from_keys, from_pad
 from trocar.teleoperation.engine import Teleoperation
 from trocar.teleoperation.masters import ArmMaster, Master
@@ -142,7 +142,7 @@ def component(engine: Teleoperation) -> Component:
     }
     makes: dict[str, Make] = {}
     for name, one in engine.components.items():
-        reads[f"{name}/state_command"] = request(_read_command, one.command)
+        reads[f"{name}/state_command"] = request(partial(_read_command, one), one.command)
         reads[f"{name}/set_scale"] = request(_read_scale, one.set_scale)
         if isinstance(one, PsmTeleoperation):
             reads[f"{name}/lock_rotation"] = request(_read_flag, one.lock_rotation)
@@ -192,10 +192,10 @@ def _read_pad(message: Message) -> DeviceCommand | None:
     return from_pad(axes.tolist(), buttons.tolist())
 
 
-def _read_command(message: Message) -> str:
+def _read_command(one: TeleopComponent, message: Message) -> str:
     word = text(message, "string")
-    if word not in COMMANDS:
-        raise RefusedError("state", f"got {word!r}; allowed: {', '.join(COMMANDS)}")
+    if word not in one.commands:
+        raise RefusedError("state", f"got {word!r}; allowed: {', '.join(one.commands)}")
     return word
 
 

@@ -123,6 +123,8 @@ class Surgeon:
         for name in (self.component, *(["MTML_MTMR_ECM"] if camera else [])):
             topics.read(f"{name}/current_state", String)
             topics.read(f"{name}/following", Bool)
+        if camera:
+            topics.read("ECM/servo_jp", JointState)  # the console's
         topics.hear("system/warning")
         topics.open(f"{self.component}/set_scale", Float64)
         topics.open("console/teleop/enable", Bool)
@@ -201,10 +203,11 @@ class Surgeon:
         """
         start = {arm: self.topics.joints(f"{arm}/measured_js") for arm in self.masters}
         for k in range(1, STEPS + 1):
-            for arm, q in start.items():
-                position = [q[0] + k / STEPS * angle, *q[1:]]
-                self.topics.send(f"{arm}/servo_jp", JointState(position=position))
-            time.sleep(MOTION_S / STEPS)
+            for _ in range(3):  # one may be lost between two commands of the console
+                for arm, q in start.items():
+                    position = [q[0] + k / STEPS * angle, *q[1:]]
+                    self.topics.send(f"{arm}/servo_jp", JointState(position=position))
+                time.sleep(MOTION_S / STEPS / 3)
         time.sleep(REST_S)
 
     def squeeze(self, opening: float) -> None:
@@ -265,7 +268,10 @@ class Surgeon:
         self.figures["clutch_tip_um"] = 1e6 * float(np.linalg.norm(self.tip() - tip))
 
     def look(self) -> None:
-        """Move the endoscope with the camera pedal pressed; note what tool and endoscope did."""
+        """Move the endoscope with the camera pedal pressed; note what tool and endoscope did.
+
+        The endoscope is compared with what the console commands.
+        """
         self.press("camera", True)
         self.until("the endoscope follows", lambda: self.follows("MTML_MTMR_ECM"))
         joints = self.topics.joints("ECM/setpoint_js")
@@ -273,10 +279,9 @@ class Surgeon:
         self.swing(SWING)
         changed = self.topics.joints("ECM/setpoint_js") - joints
         self.figures["camera_joints_mrad"] = [round(1e3 * float(x), 3) for x in changed]
+        off = self.topics.joints("ECM/setpoint_js") - self.topics.joints("ECM/servo_jp")
+        self.figures["camera_off_mrad"] = 1e3 * float(np.abs(off).max())
         self.swing(-SWING)
-        self.figures["camera_back_mrad"] = 1e3 * float(
-            np.abs(self.topics.joints("ECM/setpoint_js") - joints).max()
-        )
         self.figures["camera_tool_rad"] = float(
             np.abs(self.topics.joints(f"{self.tool}/setpoint_js") - before).max()
         )

@@ -41,8 +41,8 @@ SWING, STEPS = 0.05, 5
 BESIDE = "the newest command counts"
 #: Time in which a state must come. Source: our own choice. [s]
 LATE_S = 20.0
-#: Time after which what moved has come to rest. Source: our own choice. [s]
-REST_S = 1.0
+#: What moved less than this for so long rests. Source: our own choice. [s, m]
+REST_S, STILL_M = 1.0, 1e-6
 
 
 class Topics:
@@ -193,7 +193,16 @@ class Surgeon:
                 to.x, to.y, to.z, to.w = _multiplied(q, (0.0, 0.0, math.sin(half), math.cos(half)))
                 self.topics.send(f"{arm}/servo_cp", message)
             rate.sleep()
-        time.sleep(REST_S)
+        self.rest()
+
+    def rest(self) -> None:
+        """Wait until the tip has stood still for a while: a loaded machine may lag by seconds."""
+        last, since = self.tip(), time.monotonic()
+        while time.monotonic() - since < REST_S:
+            time.sleep(0.05)
+            now = self.tip()
+            if float(np.linalg.norm(now - last)) > STILL_M:
+                last, since = now, time.monotonic()
 
     def swing(self, angle: float) -> None:
         """Swing every master about its base, by joint positions in few steps, by an angle [rad].

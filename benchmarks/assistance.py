@@ -92,21 +92,21 @@ class HeldMaster(ArmMaster):
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
-        self.force = np.zeros(3)
+        self.wrench = np.zeros(6)
 
     def release(self, world: World, *, locked: bool) -> None:
         """Let the hand move it."""
         super().release(world, locked=locked)
-        self.force = np.zeros(3)
+        self.wrench = np.zeros(6)
 
-    def exert(self, world: World, force: Array) -> None:  # noqa: ARG002
-        """Exert the force of fixtures from the next tick on."""
-        self.force = force
+    def exert(self, world: World, wrench: Array) -> None:  # noqa: ARG002
+        """Exert the wrench of fixtures from the next tick on."""
+        self.wrench = wrench
 
     def push(self, world: World, force: Array) -> None:
         """Push the handle, (3,) [N] in the surgeon's axes, against the force of fixtures."""
         R = self.read(world).T[:3, :3]
-        super().exert(world, R.T @ force + self.force)
+        super().exert(world, np.concatenate([R.T @ force, np.zeros(3)]) + self.wrench)
 
 
 class Operator:

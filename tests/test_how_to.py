@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shlex
 import sys
@@ -13,7 +14,8 @@ import numpy as np
 import pytest
 
 from trocar.cli import main
-from trocar.descriptions import load_arm, load_tool
+from trocar.cli.program import build_parser
+from trocar.descriptions import load_arm, load_rig, load_tool
 from trocar.viewer.scene import parts_of
 
 PAGES = Path(__file__).parents[1] / "docs" / "how-to"
@@ -83,6 +85,38 @@ def test_the_tool_of_the_page_is_mounted_and_moves(
     world = names["world"]
     assert world.arm("PSM2").description.tool == "SPOON_GRASPER:1"  # type: ignore[attr-defined]
     assert capsys.readouterr().out
+
+
+CONSOLE_PAGE = (PAGES / "drive-from-a-dvrk-console.md").read_text(encoding="utf-8")
+SYSTEMS = Path(__file__).parents[1] / "examples" / "dvrk_console"
+
+
+@pytest.mark.parametrize("line", re.findall(r"^trocar .*$", CONSOLE_PAGE, re.MULTILINE))
+def test_the_commands_of_the_page_on_a_console_are_understood(line: str) -> None:
+    words = shlex.split(line, comments=True)[1:]
+    args = build_parser([words[0]]).parse_args(words)
+    assert args.ros1
+    assert not load_rig(args.rig).teleops  # whose topics would be the other console's
+
+
+@pytest.mark.parametrize("path", sorted(SYSTEMS.glob("*.json")), ids=lambda path: path.stem)
+def test_a_system_of_the_page_takes_arms_from_ros_that_a_rig_of_the_page_serves(path: Path) -> None:
+    assert path.name in CONSOLE_PAGE
+    system = json.loads(path.read_text(encoding="utf-8"))
+    remote = {
+        one["constructor-arg"]["Name"]: one["class-name"]
+        for one in system["component_manager"]["components"]
+    }
+    arms = {arm["name"]: arm for arm in system["arms"]}
+    kinds = {"PSM": "dvrk_psm_from_ros", "MTM": "dvrk_mtm_from_ros", "ECM": "dvrk_arm_from_ros"}
+    for name, kind in remote.items():
+        arm = arms[name]
+        assert arm["component"] == arm["interface"] == name and arm["skip_ROS_bridge"]
+        assert kinds[arm["type"].removesuffix("_GENERIC")] == kind
+    served = [{arm.name for arm in load_rig(rig).arms} for rig in ("two_psm_ecm", "mtm")]
+    assert any(set(remote) <= names for names in served)
+    for teleop in system["consoles"][0]["teleop_PSMs"]:
+        assert {teleop["MTM"], teleop["PSM"]} <= set(arms)
 
 
 class Box:

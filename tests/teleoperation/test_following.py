@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import radians
 from pathlib import Path
 from typing import Any
 
@@ -9,11 +10,13 @@ import numpy as np
 import pytest
 
 from tests.teleoperation.console_rig import TICK_S, Bench, tip_in_image
+from trocar.descriptions.teleops import TeleopDescription
 from trocar.geometry import angle_between
+from trocar.geometry.rotations import rotation_z
 from trocar.recording import record
 from trocar.robot.follow import repeat
 from trocar.simulation import World
-from trocar.teleoperation.psm import PsmTeleoperation
+from trocar.teleoperation.psm import HandDetector, JawFollower, PsmTeleoperation
 
 SHIFT = np.array([0.02, -0.015, 0.01])
 
@@ -108,6 +111,45 @@ def test_the_tool_follows_within_ten_milliseconds(bench: Bench) -> None:
 
         lags.append(min(range(40), key=miss))
     assert np.median(lags) * TICK_S <= 0.010, lags
+
+
+def test_the_tool_follows_once_the_master_has_turned_all_the_way_in_one_move() -> None:
+    """As sawIntuitiveResearchKit after 2.4.0; 2.4.0 itself begins within 5 degrees."""
+    bench = Bench()
+    world, one = bench.world, following(bench)
+    moves: list[np.ndarray] = []
+    world.listen(lambda e: moves.append(e.values["q"]) if e.name == "move_jp" else None)
+    q = world.arm("MTMR").joints.setpoints()
+    q[6] += 0.6
+    world.set_state("MTMR", q)
+    one.command("enable")
+    bench.run(0.05)
+    bench.pinch("MTMR")  # the hand is there at once
+    commanded = np.zeros(7)
+    while not one.following:
+        assert world.time < 10.0
+        commanded = world.arm("MTMR").joints.setpoints()[:7]
+        bench.loop.tick()
+    assert len(moves) == 1
+    np.testing.assert_allclose(commanded, moves[0], atol=1e-5)  # its last tick
+    assert np.degrees(angle_between(np.eye(3), one.offset)) < 2.0  # friction of the gimbal
+
+
+@pytest.mark.parametrize(("gripper", "jaw"), [(40.0, 53.33), (10.0, 13.33), (50.0, 66.67)])
+def test_the_widest_gripper_opens_the_jaw_to_its_limit(gripper: float, jaw: float) -> None:
+    """As recorded of sawIntuitiveResearchKit 9e535e6 with a KINEMATIC PSM and a needle driver."""
+    description = TeleopDescription("MTMR_PSM1", "psm", ("MTMR",), "PSM1")
+    follower = JawFollower(description, radians(-40.0), radians(80.0), radians(20.0))
+    for _ in range(5000):
+        follower.follow(radians(gripper), 0.001)
+    assert np.degrees(follower.jaw) == pytest.approx(jaw, abs=0.01)
+
+
+def test_gripper_and_roll_together_show_a_hand_by_less_than_each_alone() -> None:
+    for gripper, present in ((30.0, False), (33.0, True)):  # with 3: 0.8 of 40 + 4 is 35.2
+        hand = HandDetector(radians(40.0), radians(4.0))
+        hand.update(0.0, rotation_z(0.0))
+        assert hand.update(radians(gripper), rotation_z(radians(3.0))) is present
 
 
 @pytest.mark.slow

@@ -228,7 +228,27 @@ def test_where_clients_drive_the_page_has_the_pedals(rig: str) -> None:
         assert transport.last("footpedals/coag")["buttons"] == [int(on)]
 
 
+def test_masters_alone_are_dragged_for_a_console_elsewhere() -> None:
+    """Nothing is served under console/teleop, which is the other console's."""
+    loop, session = Loop(World("mtm"), tick_s=0.001, speed="max"), Session("masters")
+    core = Core(loop, components=session.components(loop))
+    core.begin()
+    driving = session.driving(None)
+    assert driving.handles == ("MTML", "MTMR")
+    assert "Teleoperation on" not in [pedal.label for pedal in driving.pedals]
+    assert core.topics["console/teleop/enable"].later
+    goal = loop.world.reference_pose("MTMR") @ loop.world.arm("MTMR").local.measured_cp().matrix
+    goal[:3, 3] += [0.0, 0.02, 0.0]
+    driving.carry("MTMR", goal)
+    for _ in range(600):
+        loop.tick()
+    here = loop.world.reference_pose("MTMR") @ loop.world.arm("MTMR").local.measured_cp().matrix
+    np.testing.assert_allclose(here[:3, 3], goal[:3, 3], atol=2e-3)
+
+
 def test_what_a_session_cannot_be_is_refused() -> None:
+    with pytest.raises(InputError, match="--arm, --scale: rig mtm has no instrument"):
+        Session("masters", scale=0.5).components(Loop(World("mtm")))
     with pytest.raises(UnknownNameError, match="keyboard"):
         Session("piano")
     with pytest.raises(InputError, match="above 0 to 1"):

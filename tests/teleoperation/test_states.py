@@ -9,6 +9,7 @@ from trocar.live import Loop
 from trocar.ros import Core
 from trocar.ros.transports.memory import MemoryTransport
 from trocar.simulation import World
+from trocar.simulation.journal import Entry
 from trocar.teleoperation import Teleoperation, component
 
 NAME = "MTMR_PSM1"
@@ -62,11 +63,27 @@ def served() -> Served:
 
 def test_every_row_of_teleoperation_is_served_where_a_rig_has_masters(served: Served) -> None:
     rows = [t for name, t in served.core.topics.items() if "teleop" in name or NAME in name]
-    assert len(rows) == 25
+    assert len(rows) == 29
     assert not any(row.later for row in served.core.topics.values())
     for row in rows:
         if row.direction == "sub":
             assert row.read is not None
+
+
+def test_arms_poses_are_also_topics_of_the_components_that_use_them(served: Served) -> None:
+    pairs = {
+        f"{NAME}/MTM/measured_cp": "MTMR/measured_cp",
+        f"{NAME}/MTM/measured_cv": "MTMR/measured_cv",
+        f"{NAME}/PSM/setpoint_cp": "PSM1/setpoint_cp",
+        "MTML_MTMR_ECM/MTML/measured_cp": "MTML/measured_cp",
+        "MTML_MTMR_ECM/MTMR/measured_cp": "MTMR/measured_cp",
+        "MTML_MTMR_ECM/ECM/measured_cp": "ECM/setpoint_cp",  # so the dVRK names it
+    }
+    transport = MemoryTransport([*pairs, *pairs.values()])
+    served.core.attach(transport)
+    served.run(0.02)
+    for ours, arms in pairs.items():
+        assert transport.last(ours) == transport.last(arms)
 
 
 def test_what_stands_is_told_when_it_begins(served: Served) -> None:
@@ -100,8 +117,9 @@ def test_a_component_goes_through_its_states_and_back() -> None:
 @pytest.mark.parametrize(
     ("topic", "fields", "says"),
     [
-        (f"{NAME}/state_command", {"string": "fly"}, "allowed: enable, disable, align_mtm"),
+        (f"{NAME}/state_command", {"string": "fly"}, "allowed: enable, disable, align_MTM"),
         (f"{NAME}/set_scale", {"data": float("nan")}, "finite"),
+        ("MTML_MTMR_ECM/state_command", {"string": "align_MTM"}, "allowed: enable, disable"),
         (f"{NAME}/lock_rotation", {"data": 3}, "true or false"),
         ("console/teleop/select", {"data": "MTMX"}, "allowed: MTMR_PSM1"),
         ("console/teleop/set_scale", {"data": float("nan")}, "finite"),
@@ -145,13 +163,83 @@ def test_power_off_switches_teleoperation_off(topic: str) -> None:
     assert served.world.arm("PSM1").operating_state().state == "DISABLED"
 
 
+def test_the_camera_pedal_moves_the_endoscope_without_an_operator_too() -> None:
+    served = Served()
+    states = served.engine.components
+    served.send("console/teleop/enable", data=True)
+    served.send("console/emulate_camera", buttons=[1])
+    assert states["MTML_MTMR_ECM"].desired == "ENABLED"
+    assert states[NAME].desired == "DISABLED"
+
+
+@pytest.mark.parametrize("word", ["align_MTM", "align_mtm"])
+def test_a_master_aligns_without_moving_the_tool(word: str) -> None:
+    served = Served()
+    assert served.send(f"{NAME}/state_command", string=word)
+    served.run(2.0)
+    served.send("MTMR/gripper/servo_jp", position=[0.2])
+    served.run(0.3)
+    assert served.published(f"{NAME}/desired_state")[-1] == "ALIGNING_MTM"
+    assert served.published(f"{NAME}/current_state")[-1] == "ALIGNING_MTM"
+    assert not any(served.published(f"{NAME}/following"))
+
+
+def test_a_change_of_alignment_passes_through_disabled_with_the_hand_remembered() -> None:
+    """As recorded of sawIntuitiveResearchKit 9e535e6: also for lock_rotation false."""
+    served = Served()
+    served.follow()
+    for topic, on in (("set_align_MTM", False), ("set_align_MTM", True), ("lock_rotation", False)):
+        before = len(served.published(f"{NAME}/current_state"))
+        served.send(f"{NAME}/{topic}", data=on)
+        served.run(1.5)
+        assert served.published(f"{NAME}/current_state")[before:] == [
+            "DISABLED", "SETTING_ARMS_STATE", "ALIGNING_MTM", "ENABLED",
+        ]  # fmt: skip
+        assert served.published(f"{NAME}/following")[-2:] == [False, True]
+
+
+def test_status_tells_of_each_change_of_state() -> None:
+    served = Served()
+    served.send(f"{NAME}/state_command", string="enable")
+    assert served.published(f"{NAME}/status")[:2] == [
+        f"{NAME}: set desired state to ENABLED", f"{NAME}: current state is SETTING_ARMS_STATE",
+    ]  # fmt: skip
+
+
+def test_a_wrench_acts_on_the_hand_while_the_tool_follows_and_no_longer() -> None:
+    served = Served()
+    exerted: list[list[float]] = []
+
+    def hear(entry: Entry) -> None:
+        if entry.source == "MTMR" and entry.name == "servo_cf":
+            exerted.append(np.asarray(entry.values["wrench"]).tolist())
+
+    served.world.listen(hear)
+    topic = f"{NAME}/following/mtm/body/servo_cf"
+    push = {"force": {"x": 0.1, "y": 0.0, "z": -0.2}, "torque": {"x": 0.0, "y": 0.01, "z": 0.0}}
+    wrench = [0.1, 0.0, -0.2, 0.0, 0.01, 0.0]
+    assert served.send(topic, wrench=push)
+    served.follow()
+    assert wrench not in exerted  # nothing followed when it came
+    assert served.send(topic, wrench=push)
+    assert exerted[-5:] == [wrench] * 5  # in each tick
+    served.send("console/emulate_clutch", buttons=[1])
+    assert exerted[-1] == [0.0] * 6
+    served.send("console/emulate_clutch", buttons=[0])
+    served.run(1.5)
+    assert served.published(f"{NAME}/following")[-1] is True
+    assert exerted[-1] == [0.0] * 6
+
+
 def test_an_arm_that_fails_disables_teleoperation_and_it_is_said() -> None:
     served = Served()
     served.follow()
+    commanded = served.published(f"{NAME}/desired_state")
     before = served.world.arm("PSM1").joints.setpoints()
     served.send("MTMR/state_command", string="disable")
     assert served.published(f"{NAME}/current_state")[-1] == "DISABLED"
     assert "MTMR is not in state" in str(served.published(f"{NAME}/error")[-1])
+    assert served.published(f"{NAME}/desired_state") == commanded  # it was no command
     served.run(0.1)
     np.testing.assert_allclose(served.world.arm("PSM1").joints.setpoints(), before, atol=1e-3)
 

@@ -161,10 +161,10 @@ def test_a_master_on_topics_is_sent_the_force() -> None:
     master.publish = lambda topic, fields: sent.append((topic, dict(fields)))
     world = World("psm")
     for force in ([0.0, 0.0, 0.0], [1.0, 2.0, 3.0], [1.0, 2.0, 3.0], [0.0, 0.0, 0.0]):
-        master.exert(world, np.array(force))
+        master.exert(world, np.array([*force, 0.0, 0.0, 0.1 * force[0]]))
     assert [topic for topic, _ in sent] == ["body/servo_cf"] * 2
-    np.testing.assert_array_equal(sent[0][1]["force"], [1.0, 2.0, 3.0])
-    np.testing.assert_array_equal(sent[1][1]["force"], [0.0, 0.0, 0.0])
+    np.testing.assert_array_equal(sent[0][1]["wrench"], [1.0, 2.0, 3.0, 0.0, 0.0, 0.1])
+    np.testing.assert_array_equal(sent[1][1]["wrench"], np.zeros(6))
 
 
 @pytest.mark.parametrize(

@@ -33,7 +33,7 @@ spacemouse (on this machine, extra spacemouse)
   turn the cap               turn about the same axes
   left, right button         close, open the jaw
 
-masters (rig with masters, e.g. full_cart_mtm)
+masters (rig with masters, e.g. full_cart_mtm; mtm: masters of a console elsewhere)
   rings and arrows           drag the simulated masters in the web viewer
   gripper sliders            pinch to start teleoperation; the jaw follows
   K  V  G  B  M  Y  U  P     press and release pedals, as labelled
@@ -110,4 +110,9 @@ def run(args: Namespace) -> int:
 def _device_of(rig: str | None) -> str:
     from trocar.descriptions import load_rig
 
-    return "masters" if rig is not None and load_rig(rig).teleops else "keyboard"
+    if rig is None:
+        return "keyboard"
+    loaded = load_rig(rig)
+    types = {arm.arm.type for arm in loaded.arms}
+    only_masters = "MTM" in types and "PSM" not in types  # for a console elsewhere
+    return "masters" if loaded.teleops or only_masters else "keyboard"

@@ -50,7 +50,7 @@ class TeleopDescription:
             teleoperation; 0: it starts at once [rad]
         jaw_rate, jaw_rate_after_clutch: highest speed of the jaw as it follows the gripper [rad/s]
         ignore_jaw: whether the gripper leaves the jaw alone
-        gripper_zero, gripper_max: gripper angles of the closed jaw, and of the jaw at 60 deg [rad]
+        gripper_zero, gripper_max: gripper angles of the closed and of the wide open jaw [rad]
         source: of the numbers
     """
 

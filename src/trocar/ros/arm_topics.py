@@ -138,7 +138,7 @@ def _tip(setpoint: bool, local: bool) -> Callable[[ArmReadout, Stamp], Any]:
     return make
 
 
-def _measured_cv(arm: ArmReadout, stamp: Stamp) -> Any:
+def measured_cv(arm: ArmReadout, stamp: Stamp) -> dict[str, Any]:
     """Make a TwistStamped; its header names the arm's own base whatever the base frame is.
 
     Source: SAW 9e535e6, mtsIntuitiveResearchKitArm.cpp:292 and :2280, and recorded answers.
@@ -388,7 +388,7 @@ MOVERS = (
             _tip(True, False)),
     state("local/setpoint_cp", POSE, PLACE, "the same in the arm's own base frame",
             _tip(True, True)),
-    state("measured_cv", TWIST, SPEED, "of the tip, in axes of measured_cp's frame", _measured_cv),
+    state("measured_cv", TWIST, SPEED, "of the tip, in axes of measured_cp's frame", measured_cv),
     state("local/measured_cv", TWIST, SPEED, "of the tip, in its own axes",
             _local_measured_cv),
     state("body/measured_cf", WRENCH, FORCE, "wrench of the motors at the tip, in its axes",

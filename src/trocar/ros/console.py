@@ -24,9 +24,15 @@ from trocar.ros.topic import (
     COMMAND,
     EMPTY,
     FLOAT,
+    FORCE,
     JOY,
     MATRIX,
+    PLACE,
+    POSE,
+    SPEED,
     STRING,
+    TWIST,
+    WRENCH,
     Emit,
     Read,
     Topic,
@@ -368,7 +374,7 @@ TELEOP_CONSOLE = (
 
 #: Of a component that moves an instrument or the endoscope by masters.
 TELEOP = (
-    command("state_command", COMMAND, "", "enable, disable, align_mtm"),
+    command("state_command", COMMAND, "", "enable, disable; of an instrument's: align_MTM"),
     latched("current_state", STRING, "state of the component"),
     latched("desired_state", STRING, "the last commanded state"),
     latched("following", BOOL, "whether the instrument follows"),
@@ -388,6 +394,19 @@ TELEOP_TOOL = (
     latched("translation_locked", JOY, "whether the position is kept"),
     latched("align_mtm", BOOL, "whether the master is aligned first"),
     state("alignment_offset", "geometry_msgs/QuaternionStamped", "xyzw", "master to tip"),
+    state("MTM/measured_cp", POSE, PLACE, "the master's handle"),
+    state("MTM/measured_cv", TWIST, SPEED, "its velocity, of a master that is an arm of the rig"),
+    state("PSM/setpoint_cp", POSE, PLACE, "the commanded tip of the instrument"),
+    command("following/mtm/body/servo_cf", WRENCH, FORCE,
+            "wrench on the hand while the instrument follows, in axes of the handle",
+            newest=True),
+)  # fmt: skip
+
+#: Of one that moves the endoscope; masters are MTML and MTMR, whatever their names.
+TELEOP_SCOPE = (
+    state("MTML/measured_cp", POSE, PLACE, "the left handle"),
+    state("MTMR/measured_cp", POSE, PLACE, "the right handle"),
+    state("ECM/measured_cp", POSE, PLACE, "the endoscope's tip at its set-points"),
 )
 
 
@@ -398,8 +417,8 @@ def teleop_topics(teleops: Sequence[TeleopDescription]) -> list[Topic]:
     """
     rows = [*TELEOP_CONSOLE]
     for teleop in teleops:
-        own = TELEOP + TELEOP_TOOL if teleop.kind == "psm" else TELEOP
-        rows += [row.under(teleop.name) for row in own]
+        own = TELEOP_TOOL if teleop.kind == "psm" else TELEOP_SCOPE
+        rows += [row.under(teleop.name) for row in (*TELEOP, *own)]
         publisher = f"stats/publishers_{teleop.name.lower()}_setting"
         rows.append(_statistics(teleop.name, CONTROL, CONTROL_HELP))
         rows.append(_statistics(publisher, PUBLISHING, AS_PUBLISHERS))

@@ -7,7 +7,7 @@ Source: SAW mtsTeleOperationPSM.cpp; mtsTeleOperationECM.cpp has all but the ali
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import isfinite
 from typing import TYPE_CHECKING
 
@@ -31,8 +31,6 @@ SETTING = "SETTING_ARMS_STATE"
 ALIGNING = "ALIGNING_MTM"
 ENABLED = "ENABLED"
 
-#: {state command: the state that is then requested}. Source: SAW mtsTeleOperationPSM.cpp.
-COMMANDS = {"enable": ENABLED, "disable": DISABLED, "align_mtm": ALIGNING}
 
 #: Time that arms have to get ready. Source: SAW mtsTeleOperationPSM.cpp. [s]
 READY_S = 60.0
@@ -65,6 +63,9 @@ class TeleopComponent:
         message: the last report, "" once the slave follows
     """
 
+    #: {state command: the state that is then requested}. Source: SAW mtsTeleOperationECM.cpp.
+    commands: Mapping[str, str] = {"enable": ENABLED, "disable": DISABLED}
+
     def __init__(
         self, world: World, description: TeleopDescription, masters: Sequence[Master]
     ) -> None:
@@ -89,20 +90,21 @@ class TeleopComponent:
     # ------------------------------------------------------------------ commands
 
     def command(self, word: str) -> None:
-        """Request another state: "enable", "disable" or "align_mtm".
+        """Request another state: "enable", "disable" or, of an instrument, "align_MTM".
 
         Raises:
             UnknownNameError: another word
         """
-        if word not in COMMANDS:
-            raise UnknownNameError("state command", word, COMMANDS, self.name)
-        self.request(COMMANDS[word])
+        if word not in self.commands:
+            raise UnknownNameError("state command", word, self.commands, self.name)
+        self.request(self.commands[word])
 
     def request(self, state: str) -> None:
         """Request a state."""
-        self.desired = state
+        changed, self.desired = state != self.desired, state
         self.publish("desired_state", state)
-        self.publish("status", f"{self.name}: desired state {state}")
+        if changed:
+            self.publish("status", f"{self.name}: set desired state to {state}")
 
     def press_clutch(self, pressed: bool) -> None:
         """Press or release the clutch: while it is pressed the slave stays."""
@@ -230,7 +232,7 @@ class TeleopComponent:
         if state != self.current:
             self.current = state
             self.publish("current_state", state)
-            self.publish("status", f"{self.name}: current state {state}")
+            self.publish("status", f"{self.name}: current state is {state}")
 
     def _disengage(self) -> None:
         self._set_following(False)
@@ -251,12 +253,15 @@ class TeleopComponent:
                 slave.hold()
 
     def _stop(self) -> None:
+        if not self.following:
+            self.publish("following", False)  # at each stop, as on the dVRK
         self._stop_following()
         for master in self.masters:
             master.hold(self.world)
         self._enter(DISABLED)
 
     def _fail(self, reason: str) -> None:
+        """Disable it without publishing `desired_state`, which shows commands, as on the dVRK."""
         self.report("error", reason)
-        self.request(DISABLED)
+        self.desired = DISABLED
         self._stop()

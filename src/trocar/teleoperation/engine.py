@@ -40,7 +40,8 @@ class Console:
     """Switches components by what the surgeon does; in the loop's thread.
 
     Switched on and with an operator present the selected tools follow; while the camera pedal is
-    pressed the endoscope does. Source: SAW mtsIntuitiveResearchKitConsole.cpp, UpdateTeleopState.
+    pressed the endoscope does, also without an operator. Source: SAW console.cpp,
+    update_teleop_state.
 
     Args:
         components: by name, in the order in which they are preferred
@@ -128,12 +129,10 @@ class Console:
         for name in self.selected:
             component = self._components[name]
             is_ecm = component.description.kind == "ecm"
-            if not self.enabled:
+            if not self.enabled or is_ecm != self.camera:
                 self._request(component, DISABLED)
-            elif not self.present:
-                self._request(component, DISABLED if is_ecm else ALIGNING)
             else:
-                self._request(component, ENABLED if is_ecm == self.camera else DISABLED)
+                self._request(component, ENABLED if self.present or is_ecm else ALIGNING)
 
     def _request(self, component: TeleopComponent, state: str) -> None:
         if component.desired != state:
@@ -240,7 +239,7 @@ class Teleoperation:
         masters: {name: master}
         console: switches them
         pedals: of the console
-        carriers: {name of a simulated master: a hand that carries it}
+        carriers: {MTM of the rig: a hand that carries it}
         players: move masters by themselves
 
     Raises:
@@ -272,8 +271,8 @@ class Teleoperation:
                 tool.fixtures = fixtures
         self.carriers = {
             name: HandleMover(self.world, name)
-            for name, master in self.masters.items()
-            if isinstance(master, ArmMaster)
+            for name, arm in self.world.arms.items()
+            if arm.description.type == "MTM"
         }
         self.players: list[MasterDriver] = []
         self.console = Console(self.components)

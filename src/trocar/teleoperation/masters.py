@@ -26,9 +26,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-#: The goal of an alignment is renewed when the slave turned by more. Source: our own choice (the
-#: dVRK renews it each 10 ms). [rad]
-TURNED = np.deg2rad(0.2)
 #: Pause between moves, by as much as it lacks, of a gimbal that friction stopped beside its goal.
 #: Source: our own choice. [s]
 NUDGE_S = 0.1
@@ -71,7 +68,7 @@ class MasterReading:
         T: pose of the handle in the surgeon's frame: x left, y up, z away from the eyes, (4, 4)
         gripper: its opening, None without one [rad]
         present: whether a hand is known to be there; else it has to move gripper or roll
-        turning: whether it is being aligned, so that no hand turns it
+        turning: whether it moves by itself: no hand turns it, and no slave may follow
     """
 
     T: Array
@@ -106,8 +103,18 @@ class Master:
         """
         raise NotImplementedError
 
-    def align(self, world: World, R: Array) -> str:  # noqa: ARG002
-        """Turn towards an orientation (3, 3) in place; return what prevents that, or ""."""
+    def last_pose(self) -> Array | None:
+        """Return the handle's last pose in the surgeon's frame, (4, 4); None before the first.
+
+        From any thread.
+        """
+        return None
+
+    def align(self, world: World, R: Array, tolerance: float) -> str:  # noqa: ARG002
+        """Turn in place to an orientation (3, 3), once; return what prevents that, or "".
+
+        Another call moves it again only if the orientation changed by more than `tolerance` [rad].
+        """
         return ""
 
     def match_gripper(self, opening: float) -> None:
@@ -119,10 +126,14 @@ class Master:
     def release(self, world: World, *, locked: bool) -> None:
         """Let the hand move it freely; locked: all but its orientation."""
 
-    def exert(self, world: World, force: Array) -> None:
-        """Exert a force on the hand, in axes of the handle, (3,) [N], until the next or `release`.
+    def exert(self, world: World, wrench: Array) -> None:
+        """Exert a wrench on the hand until the next call or `release`.
 
         Call only while the master is released.
+
+        Args:
+            world: the world
+            wrench: force and torque in axes of the handle, (6,) [N, N m]
         """
 
     def hold(self, world: World) -> None:
@@ -187,10 +198,13 @@ class ArmMaster(Master):
         T = self._base @ chain_pose(arm.description.mechanism)(q)
         return MasterReading(T, opening, turning=arm.operating_state().is_busy)
 
-    def align(self, world: World, R: Array) -> str:
-        """Turn the gimbal; the handle stays in its place."""
+    def align(self, world: World, R: Array, tolerance: float) -> str:
+        """Turn the gimbal once; the handle stays in its place.
+
+        A gimbal that friction stopped beside its goal is moved on until it is close.
+        """
         arm, here = world.arm(self.name), self.read(world).T
-        if self._requested is None or angle_between(self._requested, R) > TURNED:
+        if self._requested is None or angle_between(self._requested, R) > tolerance:
             return self._begin(arm, here, R)
         if not arm.operating_state().is_busy and world.time - self._nudged > NUDGE_S:
             self._nudged = world.time
@@ -219,13 +233,13 @@ class ArmMaster(Master):
         else:
             arm.free()
 
-    def exert(self, world: World, force: Array) -> None:
-        """Exert a force on the hand, in axes of the handle, (3,) [N]."""
+    def exert(self, world: World, wrench: Array) -> None:
+        """Exert a wrench on the hand, in axes of the handle, (6,) [N, N m]."""
         arm = world.arm(self.name)
         if not self._exerting:
             self._exerting = True
             arm.forces.set_cf_orientation_absolute(False)  # a client may have switched it
-        arm.body.servo_cf([*force, 0.0, 0.0, 0.0])
+        arm.body.servo_cf(wrench)
 
     def hold(self, world: World) -> None:
         """Stay where it is."""
@@ -312,7 +326,11 @@ class VirtualMaster(Master):
             self.match_gripper(self._gripper + period * drive.opening)
         return MasterReading(self._pose, self._gripper, present=True)
 
-    def align(self, world: World, R: Array) -> str:  # noqa: ARG002
+    def last_pose(self) -> Array | None:
+        """Return the handle's pose, (4, 4)."""
+        return self._pose
+
+    def align(self, world: World, R: Array, tolerance: float) -> str:  # noqa: ARG002
         """Turn at once: nothing is in the way."""
         self._pose = transform(R, self._pose[:3, 3])
         return ""
@@ -346,7 +364,7 @@ class HandOf(Master):
     def prepare(self, world: World) -> None:
         """Begin anew, upright."""
         self._master.prepare(world)
-        self._master.align(world, np.eye(3))
+        self._master.align(world, np.eye(3), 0.0)
 
     def read(self, world: World) -> MasterReading:
         """Return the hand's pose.
@@ -354,7 +372,12 @@ class HandOf(Master):
         Raises:
             MasterLostError: as the master does
         """
-        T = self._master.read(world).T
-        return MasterReading(
-            transform(T[:3, :3], T[:3, 3] + T[:3, :3] @ self._offset), present=True
-        )
+        return MasterReading(self._hand(self._master.read(world).T), present=True)
+
+    def last_pose(self) -> Array | None:
+        """Return the hand's pose, (4, 4)."""
+        T = self._master.last_pose()
+        return None if T is None else self._hand(T)
+
+    def _hand(self, T: Array) -> Array:
+        return transform(T[:3, :3], T[:3, 3] + T[:3, :3] @ self._offset)

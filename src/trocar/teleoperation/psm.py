@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -23,20 +23,24 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-#: Time between two alignments of the master. Source: our own choice (the dVRK: 10 ms). [s]
+#: Time between two readings of the tool's orientation while the master aligns with it. Source: our
+#: own choice, as the tool rarely turns then (the dVRK: each period). [s]
 ALIGN_S = 0.05
 #: Gripper and jaw have met. Source: SAW mtsIntuitiveResearchKit.h, ToleranceBackFromClutch. [rad]
 MET = math.radians(2.0)
-#: The jaw's opening at the gripper's widest. Source: facts of the dVRK: 60 deg of both. [rad]
-WIDE = math.radians(60.0)
+CLUTCH = {True: "pressed", False: "released"}
+#: Part of the sum of both thresholds that is enough of gripper and roll together. Source: SAW
+#: mtsTeleOperationPSM.cpp, TransitionAligningMTM.
+BOTH = 0.8
 
 
 @dataclass
 class JawFollower:
     """Let the jaw follow the gripper, slowly until they have met.
 
-    A ghost of the gripper goes after it, beginning where the jaw is.
-    Source: SAW mtsTeleOperationPSM.cpp, RunEnabled.
+    A ghost of the gripper goes after it, beginning where the jaw is. The gripper at `gripper_max`
+    opens the jaw to its upper limit. Source: SAW mtsTeleOperationPSM.cpp, RunJawGripperTeleop,
+    UpdateGripperToJawConfiguration.
 
     Args:
         description: openings and speeds
@@ -67,7 +71,7 @@ class JawFollower:
 
     @property
     def _ratio(self) -> float:
-        return (self.description.gripper_max - self.description.gripper_zero) / WIDE
+        return (self.description.gripper_max - self.description.gripper_zero) / self.upper
 
     def _gripper(self, jaw: float) -> float:
         return self.description.gripper_zero + jaw * self._ratio
@@ -79,7 +83,8 @@ class HandDetector:
     Source: SAW mtsTeleOperationPSM.cpp, TransitionAligningMTM.
 
     Args:
-        gripper, roll: range that is enough; 0 of either: a hand is there at once [rad]
+        gripper, roll: range that is enough, or BOTH of their sum; 0 of either: a hand is there at
+            once [rad]
 
     Attributes:
         present: whether a hand is there
@@ -109,8 +114,9 @@ class HandDetector:
                 continue
             self._lowest[index] = min(self._lowest[index], value)
             self._highest[index] = max(self._highest[index], value)
-            if self._highest[index] - self._lowest[index] >= self._enough[index]:
-                self.present = True
+        ranges = [high - low for low, high in zip(self._lowest, self._highest, strict=True)]
+        enough = any(range_ >= least for range_, least in zip(ranges, self._enough, strict=True))
+        self.present = self.present or enough or sum(ranges) > BOTH * sum(self._enough)
         return self.present
 
 
@@ -122,7 +128,16 @@ class PsmTeleoperation(TeleopComponent):
         align: whether the master turns as the tool is turned, before it moves it
         offset: rotation from the handle to the tip as the surgeon sees both, (3, 3)
         fixtures: virtual fixtures of the instrument, None without any
+        wrench: of a client on the hand while the tool follows, in axes of the handle, (6,)
+            [N, N m], None without any
     """
+
+    #: Both spellings are accepted: the topic that publishes the setting is called align_mtm.
+    commands: Mapping[str, str] = {
+        **TeleopComponent.commands,
+        "align_MTM": ALIGNING,
+        "align_mtm": ALIGNING,
+    }
 
     def __init__(
         self, world: World, description: TeleopDescription, masters: Sequence[Master]
@@ -133,6 +148,7 @@ class PsmTeleoperation(TeleopComponent):
         self.align = description.align
         self.offset = np.eye(3)
         self.fixtures: Fixtures | None = None
+        self.wrench: Array | None = None
         self._T_world_view = np.eye(4)
         self._hand = HandDetector(description.gripper_threshold, description.roll_threshold)
         self._after_pause = False
@@ -141,6 +157,14 @@ class PsmTeleoperation(TeleopComponent):
         self._reason = ""
 
     # ------------------------------------------------------------------ commands
+
+    def press_clutch(self, pressed: bool) -> None:
+        """Press or release the clutch; outside of following that is published alone."""
+        if self.desired != ENABLED or self.current != ENABLED:
+            if pressed:
+                self.publish("following", False)
+            self.publish("status", f"{self.name}: console clutch {CLUTCH[pressed]}")
+        super().press_clutch(pressed)
 
     def lock_rotation(self, on: bool) -> None:
         """Keep the instrument's orientation, or turn it with the hand again."""
@@ -166,6 +190,14 @@ class PsmTeleoperation(TeleopComponent):
         if self.current == ENABLED:
             self._align_anew()
 
+    def exert(self, wrench: Array) -> None:
+        """Exert a wrench on the hand, in axes of the handle, (6,) [N, N m], while the tool follows.
+
+        It ends with following, as on the dVRK; outside of following it has no effect.
+        """
+        if self.following:
+            self.wrench = wrench
+
     def goal(self, T: Array) -> Array:
         """Return the tip's pose for the handle at T, as the surgeon sees both, (4, 4)."""
         p = self._to[:3, 3]
@@ -181,7 +213,9 @@ class PsmTeleoperation(TeleopComponent):
             self._aligned_at = self.world.time
             self._slave = self._new_slave()
             if self.align and not self.clutched:
-                self._reason = master.align(self.world, self._slave.T[:3, :3])
+                tolerance = self.description.orientation_tolerance
+                self._reason = master.align(self.world, self._slave.T[:3, :3], tolerance)
+                return  # the reading was taken before it began to move
         if self.desired == ALIGNING:
             return
         self.offset = reading.T[:3, :3].T @ self._slave.T[:3, :3]
@@ -192,7 +226,8 @@ class PsmTeleoperation(TeleopComponent):
         present = self._hand.update(gripper, rolled) or reading.present
         if near and present:
             self._hand.present = True
-            self._enable(readings)
+            if not reading.turning:
+                self._enable(readings)
         elif self._report_due():
             hint = f"unable to align {master.name}: {np.degrees(error):.1f} deg off"
             if self._reason:
@@ -219,9 +254,11 @@ class PsmTeleoperation(TeleopComponent):
         reading = readings[0]
         if self._slave is None:
             return
-        goal = self.goal(reading.T)
+        goal, wrench = self.goal(reading.T), self.wrench
         if self.fixtures is not None:
-            goal = self._guided(self.fixtures, reading, goal)
+            goal, wrench = self._guided(self.fixtures, reading, goal)
+        if wrench is not None:
+            self.masters[0].exert(self.world, wrench)
         reason = self._slave.follow(goal, period_s)
         if reason:
             self.masters[0].step_back()
@@ -232,20 +269,27 @@ class PsmTeleoperation(TeleopComponent):
         if self._jaw is not None and jaw is not None and reading.gripper is not None:
             jaw.servo_jp([self._jaw.follow(reading.gripper, period_s)])
 
-    def _guided(self, fixtures: Fixtures, reading: MasterReading, goal: Array) -> Array:
-        """Exert the force of fixtures on the hand; return the goal that their filters leave."""
-        slave, T = self.description.slave, self._T_world_view
+    def _guided(
+        self, fixtures: Fixtures, reading: MasterReading, goal: Array
+    ) -> tuple[Array, Array | None]:
+        """Return the goal that filters leave, and the wrench of client and fixtures on the hand."""
+        wrench, slave, T = self.wrench, self.description.slave, self._T_world_view
         p = T[:3, :3] @ goal[:3, 3] + T[:3, 3]
         if fixtures.acts_on(slave, "force"):
-            force = np.zeros(3)
+            wrench = np.zeros(6) if wrench is None else wrench.copy()
             if not self.translation_locked:
                 force = T[:3, :3].T @ fixtures.force(slave, p, self.scale)
-            self.masters[0].exert(self.world, reading.T[:3, :3].T @ force)
-        return transform(goal[:3, :3], T[:3, :3].T @ (fixtures.filtered(slave, p) - T[:3, 3]))
+                wrench[:3] += reading.T[:3, :3].T @ force
+        goal = transform(goal[:3, :3], T[:3, :3].T @ (fixtures.filtered(slave, p) - T[:3, 3]))
+        return goal, wrench
 
     def _release_masters(self, *, clutch: bool) -> None:
         locked = self.rotation_locked or (clutch and self.align)
         self.masters[0].release(self.world, locked=locked)
+
+    def _set_following(self, on: bool) -> None:
+        self.wrench = None
+        super()._set_following(on)
 
     def _after_clutch(self) -> None:
         self._after_pause = True  # the hand was there already
@@ -255,15 +299,16 @@ class PsmTeleoperation(TeleopComponent):
             self._slave = None
         if state == ALIGNING:
             self._aligned_at = -np.inf
+            self.publish("scale", self.scale)
             self._hand.restart()
             self._hand.present = self._hand.present and self._after_pause
             self._after_pause = False
         super()._enter(state)
 
     def _align_anew(self) -> None:
-        self._stop_following()
+        """Pass through DISABLED, as on the dVRK; the hand is there already."""
         self._after_pause = True
-        self._enter(SETTING)
+        self._stop()
 
     def _engage_anew(self) -> None:
         if self.following:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.descriptions.records import DISPLAY
 from trocar.geometry.rotations import angle_between
 from trocar.geometry.se3 import transform
 from trocar.ros import Component, Core
@@ -28,7 +29,7 @@ from trocar.ros.topic import (
     served,
 )
 from trocar.teleoperation.engine import Teleoperation
-from trocar.teleoperation.masters import TURNED, Master, MasterLostError, MasterReading
+from trocar.teleoperation.masters import Master, MasterLostError, MasterReading
 from trocar.teleoperation.topics import component, reading
 from trocar.teleoperation.virtual_fixtures import Fixtures
 
@@ -41,10 +42,9 @@ Array = NDArray[np.float64]
 #: A master that reports nothing for this long is lost. Source: our own choice: ten messages of the
 #: dVRK's slowest usual rate. [s]
 SILENCE_S = 0.1
-#: Time between two messages of its goal while it is aligned. Source: our own choice. [s]
-AGAIN_S = 1.0
-#: Frame of a master's poses. Source: as of a rig's masters.
-DISPLAY = "HRSV"
+#: A goal takes at most this long to show in the master's operating state. Source: our own choice:
+#: ten messages of the dVRK's slowest usual rate. [s]
+BEGUN_S = 0.1
 
 #: Topics that follow the master's name: published by it ("sub"), and commands to it ("pub").
 ROWS = (
@@ -53,7 +53,7 @@ ROWS = (
     command("operating_state", STATE, "", "published by itself"),
     event("state_command", COMMAND, "home"),
     event("move_cp", POSE, "orientation of the tool", PLACE),
-    event("body/servo_cf", WRENCH, "force of virtual fixtures, else zero", "N, N m"),
+    event("body/servo_cf", WRENCH, "wrench of clients and virtual fixtures, else zero", "N, N m"),
     event("lock_orientation", "geometry_msgs/Quaternion", "hold the gimbal", "xyzw"),
     event("unlock_orientation", EMPTY, "free the gimbal"),
     event("use_gravity_compensation", BOOL, "switch gravity compensation"),
@@ -77,12 +77,13 @@ class RemoteMaster(Master):
 
     def __init__(self, name: str, now: Callable[[], float]) -> None:
         self.name, self._now = name, now
-        self._force = np.zeros(3)
+        self._wrench = np.zeros(6)
         self.publish: Callable[[str, Mapping[str, Any]], None] = lambda topic, fields: None  # noqa: ARG005  not connected yet
         self._pose: Array | None = None
         self._gripper: float | None = None
         self._received: float | None = None
         self._state: tuple[str, bool] = ("", False)
+        self._busy = False
         self._requested: Array | None = None
         self._sent = -np.inf
 
@@ -94,9 +95,9 @@ class RemoteMaster(Master):
         """Take the opening of its gripper [rad]."""
         self._gripper = opening
 
-    def receive_state(self, state: str, homed: bool) -> None:
+    def receive_state(self, state: str, homed: bool, busy: bool) -> None:
         """Take its operating state."""
-        self._state = state, homed
+        self._state, self._busy = (state, homed), busy
 
     def objection(self, world: World) -> str:  # noqa: ARG002
         """Return the reason that the master cannot be used, "" when it can."""
@@ -124,14 +125,18 @@ class RemoteMaster(Master):
         if self._now() - self._received > SILENCE_S:
             self._pose = self._received = None
             raise MasterLostError(self.name, f"no message for {SILENCE_S:g} s")
-        return MasterReading(self._pose, self._gripper)
+        begun = self._requested is not None and self._now() - self._sent < BEGUN_S
+        return MasterReading(self._pose, self._gripper, turning=self._busy or begun)
 
-    def align(self, world: World, R: Array) -> str:  # noqa: ARG002
-        """Request a rotation in place."""
+    def last_pose(self) -> Array | None:
+        """Return its last pose, (4, 4), None before the first."""
+        return self._pose
+
+    def align(self, world: World, R: Array, tolerance: float) -> str:  # noqa: ARG002
+        """Request a rotation in place, once."""
         if self._pose is None:
             return f"{self.name} publishes nothing"
-        turned = self._requested is None or angle_between(self._requested, R) > TURNED
-        if turned or self._now() - self._sent > AGAIN_S:
+        if self._requested is None or angle_between(self._requested, R) > tolerance:
             self._requested, self._sent = R.copy(), self._now()
             self.publish("move_cp", {"T": transform(R, self._pose[:3, 3])})
         return ""
@@ -140,18 +145,18 @@ class RemoteMaster(Master):
         """Request that it carries only its links' weight, as on the dVRK."""
         self._requested = None
         self.publish("use_gravity_compensation", {"data": True})
-        self._force = np.zeros(3)
-        self.publish("body/servo_cf", {"force": self._force})
+        self._wrench = np.zeros(6)
+        self.publish("body/servo_cf", {"wrench": self._wrench})
         if locked and self._pose is not None:
             self.publish("lock_orientation", {"T": self._pose})
         else:
             self.publish("unlock_orientation", {})
 
-    def exert(self, world: World, force: Array) -> None:  # noqa: ARG002
-        """Request a force on the hand, in axes of the handle, (3,) [N]."""
-        if (force != self._force).any():
-            self._force = force.copy()
-            self.publish("body/servo_cf", {"force": force})
+    def exert(self, world: World, wrench: Array) -> None:  # noqa: ARG002
+        """Request a wrench on the hand, in axes of the handle, (6,) [N, N m]."""
+        if (wrench != self._wrench).any():
+            self._wrench = wrench.copy()
+            self.publish("body/servo_cf", {"wrench": self._wrench})
 
     def hold(self, world: World) -> None:  # noqa: ARG002
         """Request that it stays where it is."""
@@ -175,8 +180,8 @@ def component_of(master: RemoteMaster, engine: Teleoperation) -> Component:
     def opening(message: Message) -> float:
         return float(joints(message, "position", ("gripper",))[0])
 
-    def state(message: Message) -> tuple[str, bool]:
-        return text(message, "state"), flag(message, "is_homed")
+    def state(message: Message) -> tuple[str, bool, bool]:
+        return text(message, "state"), flag(message, "is_homed"), flag(message, "is_busy")
 
     readers: dict[str, tuple[Callable[[Message], Any], Callable[[Any], object]]] = {
         "measured_cp": (lambda m: pose(m, "pose"), master.receive_pose),
@@ -198,8 +203,10 @@ def _publish(core: Core, name: str, key: str, fields: Mapping[str, Any]) -> None
     elif key == "lock_orientation":
         message = build.quaternion(fields["T"])
     elif key == "body/servo_cf":
-        force = build.vector(fields["force"])
-        message = {"wrench": {"force": force, "torque": build.vector(np.zeros(3))}}
+        wrench = fields["wrench"]
+        message = {
+            "wrench": {"force": build.vector(wrench[:3]), "torque": build.vector(wrench[3:])}
+        }
     core.emit(f"{name}/{key}", message)
 
 

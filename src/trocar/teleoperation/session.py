@@ -249,16 +249,18 @@ class Session:
                 [pedal for pedal in pedals if pedal.label != LABELS["operator_present"]],
             )
         engine, console = self.engine, self.engine.console
-        enable = Pedal(
-            "Teleoperation on",
-            lambda on: engine.call(partial(console.enable, on)),
-            lambda: console.enabled,
-        )
+        if engine.components:
+            on = Pedal(
+                "Teleoperation on",
+                lambda on: engine.call(partial(console.enable, on)),
+                lambda: console.enabled,
+            )
+            pedals.insert(0, on)
         return Driving(
             "Masters",
             {"masters": _rows(TABLES["masters"])},
             partial(status, engine),
-            pedals=[enable, *pedals],
+            pedals=pedals,
             handles=tuple(engine.carriers),
             carry=lambda name, T: engine.call(partial(engine.carriers[name].carry, T)),
             let_go=lambda name: engine.call(engine.carriers[name].let_go),
@@ -271,13 +273,23 @@ class Session:
 
     def _masters(self, loop: Loop, fixtures: Fixtures | None) -> tuple[Component, ...]:
         if not loop.world.rig.teleops:
+            engine = self.engine = Teleoperation(loop, fixtures=fixtures)
+            pedals = pedal_component(engine)
             if self._kind is None:
-                self.engine = Teleoperation(loop, fixtures=fixtures)
-                return (pedal_component(self.engine),)
-            raise InputError(
-                f"rig {loop.world.rig.name}: has no teleoperated masters; allowed: a rig "
-                "with [[teleop]], e.g. full_cart_mtm"
-            )
+                return (pedals,)
+            if not engine.carriers:
+                raise InputError(
+                    f"rig {loop.world.rig.name}: has no masters; allowed: a rig with an MTM, "
+                    "e.g. full_cart_mtm"
+                )
+            if self._arm is not None or self._scale is not None:
+                raise InputError(
+                    f"--arm, --scale: rig {loop.world.rig.name} has no instrument that its masters "
+                    "move; allowed: a rig with [[teleop]], e.g. full_cart_mtm"
+                )
+            if self._motion is not None:
+                engine.players.append(MotionPlayer(engine, self._motion))
+            return pedals, Component({}, lambda _: engine.start())
         engine, parts = engine_and_components(loop, fixtures)
         self.engine = engine
         if self._kind is not None:

@@ -7,16 +7,29 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from trocar.descriptions.records import DISPLAY
 from trocar.live.inbox import Command
 from trocar.ros import Component
 from trocar.ros import message_builders as build
+from trocar.ros.arm_topics import measured_cv
 from trocar.ros.console import BUTTONS, teleop_topics
-from trocar.ros.message_fields import Message, RefusedError, button, flag, number, text, vector
+from trocar.ros.message_fields import (
+    Message,
+    RefusedError,
+    button,
+    flag,
+    number,
+    text,
+    vector,
+    wrench,
+)
 from trocar.ros.topic import JOY, STRING, Make, Read, command, served
-from trocar.teleoperation.component import COMMANDS, TeleopComponent
+from trocar.teleoperation.component import TeleopComponent
 from trocar.teleoperation.devices import DeviceCommand, from_keys, from_pad
 from trocar.teleoperation.engine import Teleoperation
+from trocar.teleoperation.masters import ArmMaster, Master
 from trocar.teleoperation.psm import PsmTeleoperation
 
 if TYPE_CHECKING:
@@ -24,8 +37,12 @@ if TYPE_CHECKING:
     from trocar.ros.clock import Stamp
     from trocar.ros.sample import SampleReadings
 
+Array = NDArray[np.float64]
+
 #: Published as a button. Source: SAW system_ROS.cpp declares these as Joy.
 JOYS = ("rotation_locked", "translation_locked")
+#: Names of the left and the right master in topics. Source: SAW mtsTeleOperationECM.cpp, Init.
+SIDES = ("MTML", "MTMR")
 #: Namespace of the console's own topics.
 CONSOLE = "console/teleop"
 
@@ -131,13 +148,22 @@ def component(engine: Teleoperation) -> Component:
     pressed = dict(pedals.reads) | dict.fromkeys(POWER_OFF, switch_off)
     makes: dict[str, Make] = {}
     for name, one in engine.components.items():
-        reads[f"{name}/state_command"] = request(_read_command, one.command)
+        reads[f"{name}/state_command"] = request(partial(_read_command, one), one.command)
         reads[f"{name}/set_scale"] = request(_read_scale, one.set_scale)
         if isinstance(one, PsmTeleoperation):
             reads[f"{name}/lock_rotation"] = request(_read_flag, one.lock_rotation)
             reads[f"{name}/lock_translation"] = request(_read_flag, one.lock_translation)
             reads[f"{name}/set_align_MTM"] = request(_read_flag, one.set_align)
+            topic = f"{name}/following/mtm/body/servo_cf"
+            reads[topic] = request(partial(_read_wrench, one.masters[0]), one.exert, topic)
             makes[f"{name}/alignment_offset"] = partial(_offset, one)
+            makes[f"{name}/MTM/measured_cp"] = partial(_handle, one.masters[0])
+            makes[f"{name}/MTM/measured_cv"] = partial(_velocity, one.masters[0])
+            makes[f"{name}/PSM/setpoint_cp"] = partial(_commanded, one.description.slave)
+        else:
+            for side, master in zip(SIDES, one.masters, strict=True):
+                makes[f"{name}/{side}/measured_cp"] = partial(_handle, master)
+            makes[f"{name}/ECM/measured_cp"] = partial(_commanded, one.description.slave)
     rows = teleop_topics([one.description for one in engine.components.values()])
     return Component(served(rows, reads, makes), begin, pressed)
 
@@ -172,10 +198,10 @@ def _read_pad(message: Message) -> DeviceCommand | None:
     return from_pad(axes.tolist(), buttons.tolist())
 
 
-def _read_command(message: Message) -> str:
+def _read_command(one: TeleopComponent, message: Message) -> str:
     word = text(message, "string")
-    if word not in COMMANDS:
-        raise RefusedError("state", f"got {word!r}; allowed: {', '.join(COMMANDS)}")
+    if word not in one.commands:
+        raise RefusedError("state", f"got {word!r}; allowed: {', '.join(one.commands)}")
     return word
 
 
@@ -186,6 +212,12 @@ def _read_pressed(message: Message) -> bool:
 
 def _read_flag(message: Message) -> bool:
     return flag(message, "data")
+
+
+def _read_wrench(master: Master, message: Message) -> Array:
+    if not master.exerts:
+        raise RefusedError("wrench", f"{master.name} has no motors that could exert it")
+    return wrench(message, "wrench")
 
 
 def _read_scale(message: Message) -> float:
@@ -214,3 +246,25 @@ def _offset(one: PsmTeleoperation, rig: SampleReadings, stamp: Stamp) -> dict[st
     T = np.eye(4)
     T[:3, :3] = one.offset
     return {"header": build.header(stamp, one.masters[0].name), "quaternion": build.quaternion(T)}
+
+
+def _handle(master: Master, rig: SampleReadings, stamp: Stamp) -> dict[str, Any] | None:
+    """Return a geometry_msgs/PoseStamped of a master's handle, None before its first message."""
+    if isinstance(master, ArmMaster):
+        arm = rig.arm(master.name)
+        return build.pose_stamped(stamp, arm.base_frame, arm.tip(setpoint=False, local=False))
+    T = master.last_pose()
+    return None if T is None else build.pose_stamped(stamp, DISPLAY, T)
+
+
+def _velocity(master: Master, rig: SampleReadings, stamp: Stamp) -> dict[str, Any] | None:
+    """Return a geometry_msgs/TwistStamped of a master's handle, None of one that has no arm."""
+    if not isinstance(master, ArmMaster):
+        return None
+    return measured_cv(rig.arm(master.name), stamp)
+
+
+def _commanded(name: str, rig: SampleReadings, stamp: Stamp) -> dict[str, Any]:
+    """Return a geometry_msgs/PoseStamped of a slave's tip at its set-points."""
+    arm = rig.arm(name)
+    return build.pose_stamped(stamp, arm.base_frame, arm.tip(setpoint=True, local=False))

@@ -755,4 +755,5 @@ class measured_cp:  # noqa: N801  as scripts call it
     measured_cp: Callable[..., Any]
 
     def __init__(self, ral: Any, expected_interval: float = 0.01) -> None:
-        utils(self, ral, max(1.0, expected_interval)).add_measured_cp()
+        features: Any = utils(self, ral, max(1.0, expected_interval))
+        features.add_measured_cp()

@@ -168,7 +168,7 @@ def load() -> Rospy:
     modules = ("rospy", "genpy", "rospy.impl.paramserver", "rospy.impl.registration")
     threads = ("rospy.topics", "rospy.impl.tcpros_base", "rospy.impl.tcpros_pubsub")
     try:
-        return Rospy(*map(import_module, modules), tuple(map(import_module, threads)))
+        return Rospy(*map(import_module, modules), threads=tuple(map(import_module, threads)))
     except ImportError as error:
         raise MissingRospyError(sys.executable, str(error)) from error
 

@@ -25,8 +25,8 @@ LEVELS = {"debug": 1, "info": 2, "warn": 4, "err": 8, "error": 8, "fatal": 16}
 #: Messages of this level and up are shown. Source: rospy.
 SHOWN = 2
 #: Time that a subscription of a script takes [s]. On a robot the master is asked and publishers
-#: connect meanwhile: 0.1 to 0.2 s for the 15 subscriptions of `dvrk.psm`. Source: measured with
-#: rospy 1.15; 10 ms, the period of the dVRK's states, so that one comes.
+#: connect meanwhile; `dvrk.psm` makes 15 subscriptions. Source: our own choice, the period of the
+#: dVRK's states, so that one comes.
 CONNECT_S = 0.01
 
 

@@ -201,6 +201,9 @@ def test_every_command_is_walked_through() -> None:
         ("sim --rig psm --port 0 --foxglove-port 1", "--foxglove-port", "with --foxglove"),
         ("sim --rig two_psm_ecm --no-cameras --port 0 --jpeg 5", "--jpeg", "with cameras"),
         ("sim --headless --rig psm --no-page", "--no-page", "without --headless"),
+        ("sim --headless --ros1", "--ros1", "with --no-page in place of --headless"),
+        ("sim --headless --ros2", "--ros2", "with --no-page in place of --headless"),
+        ("sim --headless --foxglove", "--foxglove", "with --no-page in place of --headless"),
         ("play peg-board --headless --port 8080", "--port", "without --headless"),
         (
             "play peg-board --headless --noise 0",

@@ -140,7 +140,9 @@ def test_a_node_of_a_real_rclpy_commands_and_reads_an_arm() -> None:
                 == 70.0
             )
         )
+        assert core.loop.commanders.of("PSM1") == ["ROS 2"]
         executor.shutdown()
         node.destroy_node()
+        until(lambda: not core.loop.commanders.of("PSM1"))
         context.try_shutdown()
         spinning.join(10.0)

@@ -54,7 +54,6 @@ RAL = {
         "found = answer(jp=[0.0, 0.0, 0.12, 0.0, 0.0, 0.0])\n"
         "assert found.result and abs(found.cp.position.z + 0.1135) < 1e-3, found"
     ),
-    "ral.service_proxy(name, type)": "assert ral.service_proxy('PSM1/x', QueryForwardKinematics)",
     "ral.get_topic_name(end)": "assert ral.get_topic_name(half) == '/PSM1/trajectory_j/set_ratio'",
     "ral.check_connections(timeout, check_children)": (
         "ral.check_connections(1.0)\nlost = ral.publisher('PSM9/move_jp', JointState)\n"
@@ -82,8 +81,6 @@ ARM = {
     "arm.unhome(timeout)": "assert arm.unhome(5) and not arm.is_homed()",
     "arm.home(timeout)": "assert arm.home(10) and not arm.is_busy(ral.create_time())",
     "arm.is_homed()": "assert arm.is_homed() is True and arm.is_homed(extra=True)[1] > 0.0",
-    "arm.pause(timeout)": "assert arm.pause(5) and arm.operating_state() == 'PAUSED'",
-    "arm.resume(timeout)": "assert arm.resume(5)",
     "arm.operating_state()": "assert arm.operating_state() == 'ENABLED'",
     "arm.wait_for_operating_state(state, timeout)": (
         "assert arm.wait_for_operating_state('ENABLED', 1)\n"
@@ -264,6 +261,12 @@ TELEOPERATION = {
     ),
     "console.teleop_set_scale(scale)": "console.teleop_set_scale(0.3)\ntime.sleep(0.2)",
     "console.teleop_get_scale()": "assert console.teleop_get_scale() == 0.3",
+    "console.teleop_unselect(name)": "console.teleop_unselect('MTMR_PSM1')\ntime.sleep(0.2)",
+    "console.teleop_is_selected(name)": "assert not console.teleop_is_selected('MTMR_PSM1')",
+    "console.teleop_select(name)": (
+        "console.teleop_select('MTMR_PSM1')\ntime.sleep(0.2)\n"
+        "assert console.teleop_is_selected('MTMR_PSM1')"
+    ),
     "teleop_psm.enable()": (
         "teleop.enable()\ntime.sleep(0.2)\nassert told['MTMR_PSM1/desired_state'] == 'ENABLED'"
     ),
@@ -288,7 +291,7 @@ ADDED = (
     ("setpoint_js", "setpoint_jp"), ("measured_cp", "measured_cp"),
     ("setpoint_cp", "setpoint_cp"), ("measured_cv", "measured_cv"), ("hold", "hold"),
     ("free", "free"), ("servo_jp", "servo_jp"), ("servo_jr", "servo_jr"),
-    ("servo_jf", "servo_jf"), ("servo_cp", "servo_cp"), ("servo_cr", "servo_cr"),
+    ("servo_jf", "servo_jf"), ("servo_cp", "servo_cp"),
     ("servo_cv", "servo_cv"), ("move_jp", "move_jp"), ("move_jr", "move_jr"),
     ("move_cp", "move_cp"), ("forward_kinematics", "forward_kinematics"),
     ("inverse_kinematics", "inverse_kinematics"),

@@ -57,6 +57,19 @@ class utils:
             assert self.came.wait(self.patience.to_sec())
         return self.joints.position, self.joints.header.stamp.to_sec()
 """
+#: Reads what has come, and waits for nothing, as crtk_python_client 1.4 does.
+AT_ONCE = """
+import time, rospy
+from geometry_msgs.msg import PoseStamped
+times, stamps = [], []
+def heard(message):
+    times.append(time.time_ns())
+    stamps.append(message.header.stamp.to_sec())
+rospy.init_node("at_once")
+rospy.Subscriber("PSM1/setpoint_cp", PoseStamped, heard)
+assert times, "no data received yet"
+assert time.time_ns() - times[-1] < 20e6, "last data received more than 0.02 s ago"
+"""
 DVRK = """
 import crtk
 class arm:
@@ -108,11 +121,24 @@ def test_once_connected_a_client_has_heard_what_is_latched(tmp_path: Path):
     ral, scale = crtk.ral("client", ""), []
     ral.subscriber("console/teleop/scale", Float64, scale.append)
     ral.publisher("console/teleop/set_scale", Float64)
-    assert not all(end.get_num_connections() for end in ral.ends)
     ral.check_connections()
     assert [told.data for told in scale] == [0.2], scale
     """
     assert play(tmp_path, text, "full_cart_mtm").status == 0
+
+
+def test_a_script_that_reads_at_once_has_data_and_time_has_passed(tmp_path: Path):
+    assert (
+        play(tmp_path, AT_ONCE + "assert rospy.get_time() == 1000.011, rospy.get_time()").status
+        == 0
+    )
+
+
+@pytest.mark.slow
+def test_a_script_that_reads_at_once_has_data_in_real_time_too(tmp_path: Path):
+    script = tmp_path / "script.py"
+    script.write_text(AT_ONCE, encoding="utf-8")
+    assert run_script(script, (), Live(World("psm"))).status == 0
 
 
 @pytest.mark.usefixtures("site")

@@ -243,6 +243,7 @@ ROSPY = """
     publisher = rospy.Publisher("/PSM1/servo_jp", JointState, queue_size=1)
     assert publisher.get_num_connections() == 1
     rate, start = rospy.Rate(100), rospy.get_time()
+    told.clear()
     while rospy.get_time() - start < 1.0 and not rospy.is_shutdown():
         publisher.publish(JointState(position=[0.05, 0.0, 0.12, 0.0, 0.0, 0.0]))
         rate.sleep()

@@ -14,6 +14,7 @@ from argparse import SUPPRESS, ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Sequence
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
@@ -92,6 +93,8 @@ def allow_headless(args: Namespace) -> None:
     Raises:
         InputError: one of them was given
     """
+    clients = names_of(*(partial(options, table=module.options) for module in transport_modules()))
+    allow(args, "with --no-page in place of --headless", *clients)
     kept = {"record_images", "camera_rate", "image_format", *names_of(add_look)}
     allow(args, "without --headless", *(n for n in names_of(add_serving) if n not in kept))
     if not args.record_images:

@@ -333,8 +333,8 @@ def _samples(bag: Bag, topic: str) -> tuple[Array, tuple[str, ...], Array, bool]
         if times and at < times[-1]:
             raise reject("time goes back")
         if times and at - times[-1] > LONGEST_GAP_S:
-            gap = f"a gap of {at - times[-1]:.3g} s after {times[-1] - times[0]:.3f} s"
-            raise reject(f"{gap}; allowed: {LONGEST_GAP_S:g} s")
+            gap = f"a gap of {at - times[-1]:.6g} s after {times[-1] - times[0]:.3f} s"
+            raise reject(f"{gap}; allowed: up to {LONGEST_GAP_S:g} s")
         position = fields["position"]
         names = names or tuple(fields["name"]) or tuple(map(str, range(len(position))))
         if len(position) != len(names):

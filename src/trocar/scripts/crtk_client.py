@@ -163,8 +163,6 @@ class ral:  # noqa: N801  as scripts call it
         """Return a caller of a service of this namespace."""
         return self._node.ServiceProxy(f"/{self._named(name)}", srv_type)
 
-    service_proxy = service_client
-
     def get_topic_name(self, pubsub: Any) -> str:
         """Return the whole name of a publisher's or subscriber's topic."""
         return pubsub.name
@@ -179,7 +177,7 @@ class ral:  # noqa: N801  as scripts call it
             return
         pubs, subs = self._ends(check_children)
         every = [*pubs, *subs]
-        self.wait(lambda: all(end.get_num_connections() for end in every), timeout_seconds)
+        self._wait(lambda: all(end.get_num_connections() for end in every), timeout_seconds)
         if all(end.get_num_connections() for end in every):
             return
         text = "Timed out waiting for publisher/subscriber connections to establish\n"
@@ -191,33 +189,33 @@ class ral:  # noqa: N801  as scripts call it
             )
         raise TimeoutError(text[:-1] + self._hint(every))
 
-    def latest(self, topic: str, kind: str) -> Any:
+    def _latest(self, topic: str, kind: str) -> Any:
         """Return a holder of the newest message of a topic; `kind` as "sensor_msgs/JointState"."""
-        made = Latest(self._node, f"/{self._named(topic)}", self.message(kind))
+        made = Latest(self._node, f"/{self._named(topic)}", self._message(kind))
         self._subscribers.append(made)
         return made
 
-    def listen(self, topic: str, kind: str, heard: Callable[[Any], None]) -> Any:
+    def _listen(self, topic: str, kind: str, heard: Callable[[Any], None]) -> Any:
         """Have a function called with each message, at once, also before the script waits."""
-        name, made = f"/{self._named(topic)}", self.message(kind)
+        name, made = f"/{self._named(topic)}", self._message(kind)
         self._subscribers.append(self._node.Subscriber(name, made, heard, at_once=True))
         return self._subscribers[-1]
 
-    def wait(self, ready: Callable[[], bool], timeout_s: float | None = None) -> bool:
+    def _wait(self, ready: Callable[[], bool], timeout_s: float | None = None) -> bool:
         """Wait until something holds; return whether it does before the node ends."""
         return self._node.wait(ready, timeout_s)
 
-    def look(self) -> None:
+    def _look(self) -> None:
         """Count a reading by the script: time passes in loops of readings alone."""
         self._node.flow.look()
 
     @staticmethod
-    def message(kind: str) -> Any:
+    def _message(kind: str) -> Any:
         """Return the class of a type of messages."""
         return message_class(kind)
 
     @staticmethod
-    def service_type(kind: str) -> Any:
+    def _service_type(kind: str) -> Any:
         """Return the class of a type of services."""
         return service_class(kind)
 
@@ -319,7 +317,7 @@ class Reading:
 
     def __init__(self, ral: Any, name: str, kind: str, timeout_s: float) -> None:
         self._ral, self._name, self._timeout = ral, name, timeout_s
-        self._latest = ral.latest(name, kind)
+        self._latest = ral._latest(name, kind)
 
     def message(self, age: float | None = None, wait: float | None = None) -> Any:
         """Return the newest message.
@@ -331,13 +329,13 @@ class Reading:
         Raises:
             TimeoutError: none came
         """
-        self._ral.look()
+        self._ral._look()
         newest = self._latest.get()
         most = self._timeout if age is None else age
         if newest is not None and (self._latest.fresh or self._young(newest, most)):
             return newest
         patience = self._timeout if wait is None else wait
-        if patience > 0.0 and self._ral.wait(lambda: self._latest.get() is not newest, patience):
+        if patience > 0.0 and self._ral._wait(lambda: self._latest.get() is not newest, patience):
             found = self._latest.get()
             if found is not None:
                 return found
@@ -381,16 +379,15 @@ class OperatingStateClient:
     METHODS = (
         "operating_state", "wait_for_operating_state", "state_command", "is_enabled", "enable",
         "is_disabled", "disable", "home", "unhome", "is_homed", "is_busy", "wait_for_busy",
-        "pause", "resume",
     )  # fmt: skip
 
     def __init__(self, ral: Any) -> None:
         self._ral = ral
-        self._data = ral.message(STATE)()
+        self._data = ral._message(STATE)()
         self._last_busy = ral.now()
         self._count = 0
-        self._commander = ral.publisher("state_command", ral.message(COMMAND), latch=True)
-        ral.listen("operating_state", STATE, self._heard)
+        self._commander = ral.publisher("state_command", ral._message(COMMAND), latch=True)
+        ral._listen("operating_state", STATE, self._heard)
 
     def _heard(self, message: Any) -> None:
         when = self._ral.get_timestamp(message)
@@ -401,7 +398,7 @@ class OperatingStateClient:
         self._count += 1
 
     def _now(self, value: Callable[[Any], Any], extra: Any = None) -> Any:
-        self._ral.look()
+        self._ral._look()
         found = value(self._data)
         return (found, self._ral.to_sec(self._data)) if extra else found
 
@@ -432,7 +429,7 @@ class OperatingStateClient:
 
     def state_command(self, state: str) -> None:
         """Send a command: enable, disable, home, unhome, pause, resume."""
-        message = self._ral.message(COMMAND)()
+        message = self._ral._message(COMMAND)()
         message.string = state
         self._commander.publish(message)
 
@@ -440,7 +437,7 @@ class OperatingStateClient:
         """Wait for a state; return whether it came in time [s]."""
         if timeout < 0.0:
             return False
-        return self._ral.wait(lambda: self._data.state == expected_state, timeout)
+        return self._ral._wait(lambda: self._data.state == expected_state, timeout)
 
     def enable(self, timeout: float = 0) -> bool:
         """Enable the arm; return whether it is within some time [s]."""
@@ -449,14 +446,6 @@ class OperatingStateClient:
     def disable(self, timeout: float = 0) -> bool:
         """Disable the arm; return whether it is within some time [s]."""
         return self._reach("disable", "DISABLED", timeout)
-
-    def pause(self, timeout: float = 0) -> bool:
-        """Pause the arm; return whether it is within some time [s]."""
-        return self._reach("pause", "PAUSED", timeout)
-
-    def resume(self, timeout: float = 0) -> bool:
-        """Let a paused arm go on; return whether it does within some time [s]."""
-        return self._reach("resume", "ENABLED", timeout)
 
     def home(self, timeout: float = 0) -> bool:
         """Bring the arm home; return whether it is within some time [s]."""
@@ -482,7 +471,7 @@ class OperatingStateClient:
         def over() -> bool:
             return self._last_busy > start and (is_busy or not self._data.is_busy)
 
-        return left >= 0.0 and self._ral.wait(over, left)
+        return left >= 0.0 and self._ral._wait(over, left)
 
     def _reach(self, command: str, state: str, timeout: float) -> bool:
         there = self._data.state == state
@@ -497,7 +486,7 @@ class OperatingStateClient:
             data = self._data
             return self._count > before and data.is_homed == homed and not data.is_busy
 
-        return there or (timeout >= 0.0 and self._ral.wait(over, timeout))
+        return there or (timeout >= 0.0 and self._ral._wait(over, timeout))
 
 
 class wait_move_handle:  # noqa: N801  as scripts call it
@@ -562,7 +551,7 @@ class utils:  # noqa: N801  as scripts call it
         self._timeout = connection_timeout
         self._stateful = operating_state_instance
 
-    def add(self, *names: str) -> None:
+    def _add(self, *names: str) -> None:
         """Add methods by their names.
 
         Raises:
@@ -599,7 +588,7 @@ class utils:  # noqa: N801  as scripts call it
         setattr(self._instance, name, reading.getter(*map(_array_of, parts.values())))
 
     def _add_command(self, name: str, kind: str, fill: Callable[..., Any]) -> None:
-        made = self._ral.message(kind)
+        made = self._ral._message(kind)
         publisher = self._ral.publisher(name, made)
 
         def send(*values: Any, **named: Any) -> Any:
@@ -624,7 +613,7 @@ class utils:  # noqa: N801  as scripts call it
         self._instance.jacobian = jacobian
 
     def _add_forward_kinematics(self) -> None:
-        kind = self._ral.service_type("crtk_msgs/QueryForwardKinematics")
+        kind = self._ral._service_type("crtk_msgs/QueryForwardKinematics")
         client = self._ral.service_client("forward_kinematics", kind)
 
         def forward_kinematics(jp: Any, extra: Any = None) -> Any:
@@ -638,7 +627,7 @@ class utils:  # noqa: N801  as scripts call it
         self._instance.forward_kinematics = forward_kinematics
 
     def _add_inverse_kinematics(self) -> None:
-        kind = self._ral.service_type("crtk_msgs/QueryInverseKinematics")
+        kind = self._ral._service_type("crtk_msgs/QueryInverseKinematics")
         client = self._ral.service_client("inverse_kinematics", kind)
 
         def inverse_kinematics(jp: Any, cp: Any, extra: Any = None) -> Any:
@@ -700,16 +689,16 @@ COMMANDS: dict[str, tuple[str, Callable[..., Any]]] = {
     **dict.fromkeys(("hold", "free"), (EMPTY, _empty)),
     **dict.fromkeys(("servo_jp", "servo_jr", "move_jp", "move_jr"), (JOINTS, _positions)),
     "servo_jf": (JOINTS, _efforts),
-    **dict.fromkeys(("servo_cp", "servo_cr", "move_cp"), (POSE, _filled("pose", FrameToPoseMsg))),
+    **dict.fromkeys(("servo_cp", "move_cp"), (POSE, _filled("pose", FrameToPoseMsg))),
     "servo_cv": (TWIST, _filled("twist", ArrayToTwistMsg)),
     "servo_cf": (WRENCH, _filled("wrench", ArrayToWrenchMsg)),
 }
 SERVICES = ("jacobian", "forward_kinematics", "inverse_kinematics", "operating_state")
 
 
-def _adder(name: str) -> Callable[[utils], None]:
-    def add(self: utils) -> None:
-        self.add(name)
+def _adder(name: str) -> Callable[[Any], None]:
+    def add(self: Any) -> None:
+        self._add(name)
 
     add.__name__, add.__doc__ = f"add_{name}", f"Add {name}."
     return add
@@ -733,7 +722,7 @@ class joystick_button:  # noqa: N801  as scripts call it
         self._value: int | None = None
         self._count = 0
         self._callback: Callable[[int], None] | None = None
-        ral.subscriber(button_name, ral.message("sensor_msgs/Joy"), self._heard)
+        ral.subscriber(button_name, ral._message("sensor_msgs/Joy"), self._heard)
 
     def _heard(self, message: Any) -> None:
         value: int = message.buttons[self._index]
@@ -747,7 +736,7 @@ class joystick_button:  # noqa: N801  as scripts call it
 
     def value(self) -> int | None:
         """Return the last value: 0 released, 1 pressed, 2 quick tap; None before the first."""
-        self._ral.look()
+        self._ral._look()
         return self._value
 
     def wait(self, timeout: float | None = None, value: int | None = None) -> bool:
@@ -757,7 +746,7 @@ class joystick_button:  # noqa: N801  as scripts call it
         def came() -> bool:
             return self._count > before and (value is None or value == self._value)
 
-        return self._ral.wait(came, timeout)
+        return self._ral._wait(came, timeout)
 
 
 class measured_cp:  # noqa: N801  as scripts call it
@@ -766,4 +755,5 @@ class measured_cp:  # noqa: N801  as scripts call it
     measured_cp: Callable[..., Any]
 
     def __init__(self, ral: Any, expected_interval: float = 0.01) -> None:
-        utils(self, ral, max(1.0, expected_interval)).add("measured_cp")
+        features: Any = utils(self, ral, max(1.0, expected_interval))
+        features.add_measured_cp()

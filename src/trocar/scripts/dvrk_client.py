@@ -15,11 +15,16 @@ from trocar.scripts.crtk_client import utils
 SHUT, OPEN = math.radians(-20.0), math.radians(60.0)
 
 
+def _add(features: utils, *names: str) -> None:
+    for name in names:
+        getattr(features, f"add_{name}")()
+
+
 class _Part:
     """A part of an arm with a namespace of its own."""
 
     def __init__(self, ral: Any, namespace: str, timeout: float, *names: str) -> None:
-        utils(self, ral.create_child(namespace), timeout).add(*names)
+        _add(utils(self, ral.create_child(namespace), timeout), *names)
 
 
 class arm:  # noqa: N801  as scripts call it
@@ -41,7 +46,8 @@ class arm:  # noqa: N801  as scripts call it
 
     def __init__(self, ral: Any, arm_name: str, connection_timeout: float = 1.0) -> None:
         self._name, self._ral = arm_name, ral.create_child(arm_name)
-        utils(self, self._ral, connection_timeout).add(
+        _add(
+            utils(self, self._ral, connection_timeout),
             "operating_state", "setpoint_js", "setpoint_cp", "measured_js", "measured_cp",
             "measured_cv", "hold", "free", "servo_jp", "servo_jr", "servo_cp", "servo_jf",
             "move_jp", "move_jr", "move_cp", "forward_kinematics", "inverse_kinematics",
@@ -55,7 +61,7 @@ class arm:  # noqa: N801  as scripts call it
         self._gravity = publisher(self._ral, "use_gravity_compensation", BOOL, latch=True)
         self._set_ratio = publisher(self._ral, "trajectory_j/set_ratio", FLOAT, latch=True)
         self._ratio = 1.0
-        self._ral.listen("trajectory_j/ratio", FLOAT, self._heard_ratio)
+        self._ral._listen("trajectory_j/ratio", FLOAT, self._heard_ratio)
 
     def name(self) -> str:
         """Return the arm's name."""
@@ -87,7 +93,7 @@ class arm:  # noqa: N801  as scripts call it
 
     def trajectory_j_ratio(self) -> float:
         """Return the share that moves keep to."""
-        self._ral.look()
+        self._ral._look()
         return self._ratio
 
     trajectory_j_get_ratio = trajectory_j_ratio
@@ -98,7 +104,7 @@ class arm:  # noqa: N801  as scripts call it
 
 def publisher(ral: Any, topic: str, kind: str, *, latch: bool = False) -> Callable[..., None]:
     """Return a function that publishes a message of a type of one field, or of none."""
-    made = ral.message(kind)
+    made = ral._message(kind)
     end = ral.publisher(topic, made, latch=latch, queue_size=1)
     return lambda *value, **named: end.publish(made(*value, **named))
 
@@ -127,7 +133,7 @@ class _Jaw:
 
     def __init__(self, ral: Any, timeout: float, stateful: Any) -> None:
         features = utils(self, ral, timeout, operating_state_instance=stateful)
-        features.add("measured_js", "setpoint_js", "servo_jp", "move_jp", "servo_jf")
+        _add(features, "measured_js", "setpoint_js", "servo_jp", "move_jp", "servo_jf")
 
     def close(self) -> Any:
         """Shut the jaw, which grips; return a handle."""
@@ -171,7 +177,7 @@ class mtm(arm):  # noqa: N801  as scripts call it
         patience = max(1.0, expected_interval)
         super().__init__(ral, arm_name, patience)
         self.gripper = _Part(self._ral, "gripper", patience, "measured_js")
-        message = self._ral.message
+        message = self._ral._message
         self._lock = self._ral.publisher("lock_orientation", message("geometry_msgs/Quaternion"))
         self._unlock = publisher(self._ral, "unlock_orientation", EMPTY, latch=True)
         self._gains = self._ral.publisher("servo_ci", message("crtk_msgs/CartesianImpedance"))
@@ -190,7 +196,7 @@ class mtm(arm):  # noqa: N801  as scripts call it
     def lock_orientation(self, orientation: Any) -> None:
         """Let the gimbal hold an orientation."""
         self._lock.publish(
-            self._ral.message("geometry_msgs/Quaternion")(*orientation.GetQuaternion())
+            self._ral._message("geometry_msgs/Quaternion")(*orientation.GetQuaternion())
         )
 
     def unlock_orientation(self) -> None:
@@ -207,7 +213,8 @@ class _SetupArm:
 
     def __init__(self, ral: Any, timeout: float) -> None:
         self._ral = ral
-        utils(self, ral, timeout).add("operating_state", "measured_js", "measured_cp", "move_jp")
+        features = utils(self, ral, timeout)
+        _add(features, "operating_state", "measured_js", "measured_cp", "move_jp")
         self.local = _Part(ral, "local", timeout, "measured_cp")
 
     def ral(self) -> Any:
@@ -239,7 +246,18 @@ class console:  # noqa: N801  as scripts call it
         self._ral = ral.create_child(console_name)
         self._enable = publisher(self._ral, "teleop/enable", BOOL)
         self._set_scale = publisher(self._ral, "teleop/set_scale", FLOAT)
+        self._select = publisher(self._ral, "teleop/select", STRING)
+        self._unselect = publisher(self._ral, "teleop/unselect", STRING)
         self._scale = _Value(self._ral, "teleop/scale")
+        self._selected: dict[str, bool] = {}
+        self._ral._listen("teleop/selected", STRING, self._heard_selected)
+        self._ral._listen("teleop/unselected", STRING, self._heard_unselected)
+
+    def _heard_selected(self, message: Any) -> None:
+        self._selected[message.data] = True
+
+    def _heard_unselected(self, message: Any) -> None:
+        self._selected[message.data] = False
 
     def teleop_start(self) -> None:
         """Switch teleoperation on."""
@@ -257,6 +275,19 @@ class console:  # noqa: N801  as scripts call it
         """Return instruments' motion per masters' motion; 0 before the first message."""
         return self._scale.value()
 
+    def teleop_select(self, teleop_name: str) -> None:
+        """Select a component, such as "MTMR_PSM1"."""
+        self._select(teleop_name)
+
+    def teleop_unselect(self, teleop_name: str) -> None:
+        """Unselect a component."""
+        self._unselect(teleop_name)
+
+    def teleop_is_selected(self, teleop_name: str) -> bool:
+        """Return whether a component was selected last; False before the first message of it."""
+        self._ral._look()
+        return self._selected.get(teleop_name, False)
+
 
 class system:  # noqa: N801  as scripts call it
     """The whole robot: power, homing, sounds."""
@@ -268,7 +299,7 @@ class system:  # noqa: N801  as scripts call it
         self._home = publisher(self._ral, "home", EMPTY)
         self._set_volume = publisher(self._ral, "set_volume", FLOAT)
         self._speak = publisher(self._ral, "string_to_speech", STRING)
-        self._matrix = self._ral.message("std_msgs/Float64MultiArray")
+        self._matrix = self._ral._message("std_msgs/Float64MultiArray")
         self._beep = self._ral.publisher("beep", self._matrix, queue_size=1)
 
     def power_off(self) -> None:
@@ -291,7 +322,7 @@ class system:  # noqa: N801  as scripts call it
         """Beep for a duration [s] at a frequency [Hz] and a volume, 0 to 1."""
         message = self._matrix()
         message.data = [float(duration), float(frequency), float(volume)]
-        shape = self._ral.message("std_msgs/MultiArrayDimension")()
+        shape = self._ral._message("std_msgs/MultiArrayDimension")()
         shape.label, shape.size, shape.stride = "values", len(message.data), 1
         message.layout.dim.append(shape)
         self._beep.publish(message)
@@ -332,12 +363,12 @@ class _Value:
 
     def __init__(self, ral: Any, topic: str) -> None:
         self._ral, self._newest = ral, 0.0
-        ral.listen(topic, FLOAT, self._heard)
+        ral._listen(topic, FLOAT, self._heard)
 
     def _heard(self, message: Any) -> None:
         self._newest = message.data
 
     def value(self) -> float:
         """Return it; 0 before the first."""
-        self._ral.look()
+        self._ral._look()
         return self._newest

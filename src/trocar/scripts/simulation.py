@@ -123,13 +123,13 @@ class MessageBus:
         self._subscriptions = {}
 
     def subscribe(self, subscription: Subscription) -> None:
-        """Subscribe to a topic; one that is latched repeats its last message."""
+        """Subscribe to a topic; it begins with the last message, if it is latched or periodic."""
         name, kind = subscription.name, subscription.kind
         self._keep(name, (*self._subscriptions.get(name, ()), subscription))
         topic = self._served(name, kind, "pub")
         if topic is None:
             self._warn(name, kind, "pub")
-        last = self._core.latched(name) if topic is not None and topic.latched else None
+        last = None if topic is None else self._core.latched(name)
         if last is not None:
             subscription.put(message_of(kind, last), self._later)
 

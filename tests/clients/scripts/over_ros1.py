@@ -65,20 +65,20 @@ class RosRal(ral):
     _node_of_run = RosNode()
 
     @staticmethod
-    def message(kind):
+    def _message(kind):
         return find(kind, "msg")
 
     @staticmethod
-    def service_type(kind):
+    def _service_type(kind):
         return find(kind, "srv")
 
-    def latest(self, topic, kind):
-        made = Latest(f"/{self._named(topic)}", self.message(kind))
+    def _latest(self, topic, kind):
+        made = Latest(f"/{self._named(topic)}", self._message(kind))
         self._subscribers.append(made)
         return made
 
-    def listen(self, topic, kind, heard):
-        return self.subscriber(topic, self.message(kind), heard)
+    def _listen(self, topic, kind, heard):
+        return self.subscriber(topic, self._message(kind), heard)
 
 
 rospy.init_node("script", anonymous=True, disable_signals=True)

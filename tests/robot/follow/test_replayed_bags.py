@@ -118,6 +118,11 @@ TWO = told((0.0, GOOD), (0.1, GOOD)) + told((0.0, GOOD), (0.1, GOOD), arm="PSM2"
         ([(1.0, "/PSM1/setpoint_js", GOOD)], NAMES[:6], "contains no joint states; allowed"),
         (told((1.0, GOOD)), NAMES[:6], "got 1 samples; allowed: 2 or more"),
         (told((1.0, GOOD), (4.0, GOOD)), NAMES[:6], r"row 2: /PSM1/measured_js: a gap of 3 s"),
+        (
+            told((1.0, GOOD), (2.001, GOOD)),
+            NAMES[:6],
+            r"a gap of 1.001 s after .*allowed: up to 1 s",
+        ),
         (told((1.0, GOOD[:3]), (1.1, GOOD[:3])), list("abc"), "got 3 joints"),
         (told((1.0, GOOD), (1.01, GOOD + np.nan)), NAMES[:6], r"row 2.*must be finite"),
         (told((1.0, GOOD), (1.1, GOOD + 9.0)), NAMES[:6], "is this a recording of a psm"),

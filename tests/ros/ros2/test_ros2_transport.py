@@ -131,6 +131,30 @@ def test_commands_of_several_topics_are_obeyed_as_they_were_written() -> None:
         assert seen == [orders.name, orders.name, moves.name]
 
 
+def test_a_client_is_gone_with_the_last_of_its_writers() -> None:
+    transport, gone = Ros2Transport(private_network()), list[str]()
+    moves, there = Topic("PSM1/move_jp", "sensor_msgs/JointState", "sub"), {7: 1, 8: 1, 9: 2}
+    transport.core = SimpleNamespace(  # type: ignore[assignment]
+        receive=lambda *_: None,
+        decoded=lambda topic, data, decode, _: decode(topic.type, data),
+        disconnected=gone.append,
+    )
+    transport.topics = {1: moves}
+    data = cdr_encode(moves.type, joints(1))
+    box = Box(1, *(DdsSample(data, writer, writer) for writer in there))
+    box.participant_of = lambda writer: there.get(writer, 0)  # type: ignore[method-assign]
+    transport.take([box])  # type: ignore[list-item]
+    transport.look()
+    assert gone == []
+    del there[7]
+    transport.look()
+    assert gone == []
+    del there[8]
+    transport.look()
+    transport.look()
+    assert gone == ["ROS 2 1"]
+
+
 class Ends:
     """A participant that is both ends of a service, without a network."""
 

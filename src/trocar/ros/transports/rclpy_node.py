@@ -302,6 +302,7 @@ class RclpyTransport:
         self._nodes: list[RclpyNode] = []
         self._publishers: dict[str, Any] = {}
         self._subscribed: frozenset[str] = frozenset()
+        self._heard: set[str] = set()
         self._lacking: dict[str, int] = {}
         self._images = ImageQueue(self._publish)
         self._over = threading.Event()
@@ -438,6 +439,10 @@ class RclpyTransport:
                 _log.warning(text, self.lost, topic.name, error)
 
     def _watch(self) -> None:
+        """Note which topics have subscribers, and that no client is left of those that commanded.
+
+        rclpy does not name who sent a message: all its clients are one.
+        """
         while not self._over.wait(LOOK_S):
             try:
                 self._subscribed = frozenset(
@@ -445,6 +450,10 @@ class RclpyTransport:
                     for name, publisher in self._publishers.items()
                     if publisher.get_subscription_count()
                 )
+                node, heard = self._nodes[0].own, tuple(self._heard)
+                if heard and not any(node.count_publishers(f"/{name}") for name in heard):
+                    self._heard.difference_update(heard)
+                    self._core.disconnected("ROS 2")
             except RuntimeError as error:
                 if not self._over.is_set():
                     _log.warning("ROS 2: cannot query subscribers: %s", error)
@@ -459,6 +468,7 @@ class RclpyTransport:
         def take(data: bytes) -> None:
             fields = self._core.decoded(topic, data, cdr_decode, "ROS 2")
             if fields is not None:
+                self._heard.add(topic.name)
                 self._core.receive(topic.name, fields, "ROS 2")
 
         own.create_subscription(made, f"/{topic.name}", take, profile, raw=True)

@@ -82,7 +82,7 @@ def find_master() -> RosMasterClient:
 
 
 def settle_address(master: RosMasterClient) -> str:
-    """Choose the address on which the node listens, and return it as a sentence.
+    """Choose the address on which the node listens; return a sentence on it, without its subject.
 
     ROS_HOSTNAME and ROS_IP count where they are set. Else a master on this machine is taken to
     mean that everybody is on this machine.
@@ -91,14 +91,14 @@ def settle_address(master: RosMasterClient) -> str:
     if not host and is_loopback(urlparse(master.uri).hostname or ""):
         os.environ["ROS_HOSTNAME"] = "127.0.0.1"
         return (
-            "listening on 127.0.0.1 only; for other machines set ROS_IP to this"
+            "listens on 127.0.0.1 only; for other machines set ROS_IP to this"
             " machine's address (ROS 1 has no authentication)"
         )
     if is_loopback(host):
-        return f"listening on {host} only, set by ROS_HOSTNAME or ROS_IP"
+        return f"listens on {host} only, set by ROS_HOSTNAME or ROS_IP"
     named = f"advertised as {host}" if host else "advertised as this machine's name"
     return (
-        f"listening on all interfaces ({named}); other machines can move the arms:"
+        f"listens on all interfaces ({named}); other machines can move the arms:"
         " ROS 1 has no authentication. Set ROS_HOSTNAME=127.0.0.1 to stay local"
     )
 

@@ -16,11 +16,12 @@ import socket
 import struct
 import sys
 import threading
-from collections.abc import Callable, Iterator
+import time
+import traceback
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
-from itertools import count
 from typing import TYPE_CHECKING, Any
 
 from trocar.errors import InputError, TrocarError
@@ -55,6 +56,9 @@ PACKAGES = "python3-rospy python3-rosmaster python3-std-msgs python3-rosgraph-ms
 SERVICE_S = 5.0
 #: Period of the check that the master has the node registered. Source: our own choice. [s]
 WATCH_S = 2.0
+#: Period of the check that clients are still connected: rospy reports those that publish neither
+#: when they end nor when they are killed. Source: our own choice, shorter than a start of one. [s]
+LOOK_S = 0.1
 #: Longest time to unregister. Source: our own choice; it takes tenths of a second. [s]
 FAREWELL_S = 10.0
 #: First field of a header: the number of the message among its publisher's.
@@ -74,6 +78,20 @@ class MissingRospyError(TrocarError):
         )
 
 
+class Untraced:
+    """Stands in for `traceback` in rospy, which formats one for each connection that ends.
+
+    They go to its debug log, which is off; each takes milliseconds, in which no state is sent.
+    """
+
+    print_exc = staticmethod(traceback.print_exc)
+
+    @staticmethod
+    def format_exc() -> str:
+        """Return the exception without its traceback."""
+        return repr(sys.exception())
+
+
 @dataclass(frozen=True)
 class Rospy:
     """The modules of ROS 1 that are used here."""
@@ -82,6 +100,7 @@ class Rospy:
     genpy: Any
     paramserver: Any
     registration: Any
+    threads: tuple[Any, ...]
 
     def message_class(self, kind: MessageType) -> Any:
         """Return a class of messages that hold their bytes in `data`.
@@ -154,6 +173,8 @@ class Rospy:
         logging.getLogger("rospy").setLevel(logging.CRITICAL)
         keep: Callable[..., None] = lambda *_, **__: None  # noqa: E731
         self.rospy.core.configure_logging = keep
+        for module in self.threads:  # several at each end of a client, in the publishing thread too
+            module.traceback = Untraced
         options = {"disable_signals": True, "disable_rosout": not rosout, "disable_rostime": True}
         try:
             self.rospy.init_node(node, argv=[], anonymous=anonymous, **options)
@@ -170,23 +191,30 @@ def load() -> Rospy:
         MissingRospyError: this Python has no rospy
     """
     modules = ("rospy", "genpy", "rospy.impl.paramserver", "rospy.impl.registration")
+    threads = ("rospy.topics", "rospy.impl.tcpros_base", "rospy.impl.tcpros_pubsub")
     try:
-        return Rospy(*map(import_module, modules))
+        return Rospy(*map(import_module, modules), threads=tuple(map(import_module, threads)))
     except ImportError as error:
         raise MissingRospyError(sys.executable, str(error)) from error
 
 
 class Subscribers:
-    """Keep which topics have subscribers; rospy calls the methods, whose names are its own."""
+    """Keep which topics have subscribers; rospy calls the methods, whose names are its own.
 
-    def __init__(self) -> None:
+    Args:
+        welcome: called with the topic of each new subscriber
+    """
+
+    def __init__(self, welcome: Callable[[str], None]) -> None:
         self.topics: frozenset[str] = frozenset()
-        self._lock = threading.Lock()
+        self._lock, self._welcome = threading.Lock(), welcome
 
     def peer_subscribe(self, topic: str, _publish: object, _publish_to_peer: object) -> None:
         """Note that one came."""
+        name = topic.removeprefix("/")
         with self._lock:
-            self.topics |= {topic.removeprefix("/")}
+            self.topics |= {name}
+        self._welcome(name)
 
     def peer_unsubscribe(self, topic: str, left: int) -> None:
         """Note that one went."""
@@ -219,8 +247,10 @@ class Ros1Transport:
         self.node = node
         self.greeting = ""
         self._publishers: dict[str, Any] = {}
-        self._sent: dict[str, Iterator[int]] = {}
-        self._subscribers = Subscribers()
+        self._sent: dict[str, int] = {}
+        self._subscriptions: list[Any] = []
+        self._clients: frozenset[str] = frozenset()
+        self._subscribers = Subscribers(self._welcome)
         self._over = threading.Event()
         self._watcher: threading.Thread | None = None
         self._complained: set[str] = set()
@@ -297,23 +327,48 @@ class Ros1Transport:
             latch=topic.latched,
             queue_size=topic.depth,
         )
-        self._sent[topic.name] = count()
+        self._sent[topic.name] = 0
         if topic.rate not in ("event", "camera"):
             publisher.impl.set_queue_size(None)
         last = self._core.latched(topic.name)
         if last is not None:
             self._publish(topic, publisher, last)
 
-    def _publish(self, topic: Topic, publisher: Any, message: Any) -> None:
+    def _welcome(self, name: str) -> None:
+        """Send a new subscriber the newest state, at once: clients read as soon as they subscribe.
+
+        Its socket sends each message at once from now on, whatever the subscriber asked for: small
+        ones would otherwise wait until it has acknowledged those before.
+        """
+        publisher = self._publishers.get(name)
+        if publisher is None:  # it connected before rospy has returned the publisher
+            return
+        topic, newest = self._core.topics[name], publisher.impl.connections[-1:]
+        with suppress(OSError):  # closed meanwhile
+            for connection in newest:
+                connection.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        state = None if topic.latched else self._core.latched(name)
+        if state is not None:
+            self._publish(topic, publisher, state, newest)
+
+    def _publish(
+        self, topic: Topic, publisher: Any, message: Any, to: Sequence[Any] | None = None
+    ) -> None:
+        """Publish to all subscribers, or to those of some connections."""
         try:
             kind = message_type(topic.type)
             data = message if isinstance(message, bytes) else ros1_encode(kind, message)
-            made, impl = publisher.data_class(data, next(self._sent[topic.name])), publisher.impl
+            number = self._sent[topic.name]
+            if to is None:
+                self._sent[topic.name] = number + 1
+            else:  # the others shall not miss one
+                number = max(number - 1, 0)
+            made, impl = publisher.data_class(data, number), publisher.impl
             if topic.latched or impl.queue_size is not None:
                 publisher.publish(made)
                 return
             with impl.publock:
-                for connection in list(impl.connections):
+                for connection in list(impl.connections if to is None else to):
                     if _writable(connection.socket):
                         impl.publish(made, connection_override=connection)
         except (MessageError, self._ros.rospy.ROSException) as error:
@@ -332,13 +387,31 @@ class Ros1Transport:
             if fields is not None:
                 core.receive(topic.name, fields, peer)
 
-        self._ros.rospy.Subscriber(
+        subscriber = self._ros.rospy.Subscriber(
             f"/{topic.name}",
             self._ros.message_class(kind),
             take,
             queue_size=1 if topic.depth == 1 else None,
             tcp_nodelay=True,
         )
+        self._subscriptions.append(subscriber.impl)
+
+    def _look(self) -> None:
+        """Report clients that publish to no topic any longer; killed ones have no socket."""
+        ends = [end for impl in self._subscriptions for end in impl.connections or ()]
+        clients = frozenset(str(end.callerid_pub) for end in ends if end.socket is not None)
+        for gone in self._clients - clients:
+            self._core.disconnected(gone)
+        self._clients = clients
+
+    def _rest(self) -> bool:
+        """Look after clients until the master is due again; return whether all is over."""
+        until = time.monotonic() + WATCH_S
+        while time.monotonic() < until:
+            if self._over.wait(LOOK_S):
+                return True
+            self._look()
+        return False
 
     def _serve(self, service: Service) -> None:
         kind, made = service_type(service.type), self._ros.service_class(service.type)
@@ -362,7 +435,7 @@ class Ros1Transport:
         while True:
             if answers:
                 announced = self._announce(announced)
-            if self._over.wait(WATCH_S):
+            if self._rest():
                 return
             if self._ros.rospy.is_shutdown():
                 _log.warning("ROS 1 stopped: another node has taken the name /%s", self.node)

@@ -160,7 +160,7 @@ class Ros2Transport:
         self._wanted: frozenset[str] = frozenset()
         self._writers: dict[str, DdsWriter] = {}
         self.topics: dict[int, Topic] = {}
-        self._peers: dict[int, str] = {}
+        self._peers: dict[int, tuple[DdsReader, str]] = {}
         self._services: dict[int, Ros2Service] = {}
         self._older: bool | None = None
         self._bus: DdsParticipant | None = None
@@ -306,7 +306,11 @@ class Ros2Transport:
 
     def _listen(self, bus: DdsParticipant) -> None:
         more: set[DdsReader] = set()
+        due = 0.0
         while not self._over.is_set():
+            if time.monotonic() >= due:
+                self.look()
+                due = time.monotonic() + WAIT_S
             for end in bus.wait(0.0 if more else WAIT_S):
                 if isinstance(end, DdsWriter):
                     self._match(end)
@@ -337,8 +341,15 @@ class Ros2Transport:
         """Name the node's participant: a client has a writer for each topic."""
         if taken.writer not in self._peers:
             participant = reader.participant_of(taken.writer)
-            self._peers[taken.writer] = f"ROS 2 {participant or taken.writer:x}"
-        return self._peers[taken.writer]
+            self._peers[taken.writer] = reader, f"ROS 2 {participant or taken.writer:x}"
+        return self._peers[taken.writer][1]
+
+    def look(self) -> None:
+        """Report clients of which no writer is left."""
+        ended = [n for n, (reader, _) in self._peers.items() if not reader.participant_of(n)]
+        gone = {self._peers.pop(writer)[1] for writer in ended}
+        for peer in gone - {name for _, name in self._peers.values()}:
+            self.core.disconnected(peer)
 
     def _receive(self, topic: Topic, payload: bytes, peer: str) -> None:
         message = self.core.decoded(topic, payload, cdr_decode, peer)

@@ -106,6 +106,8 @@ def soften(
         timestep: of the physics [s]
         compiled: compiles it as it is
     """
+    if all(surface.shape.stiffness is None for surface in geoms.surfaces):
+        return
     touching = [(one, two) for one, two in combinations(geoms.surfaces, 2) if _meet(one, two)]
     if not touching:
         return

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from trocar.descriptions import load_rig, names
-from trocar.descriptions.plugins import installed, load_registered, registered
+from trocar.descriptions.plugins import load_registered, registered
 from trocar.errors import DescriptionError, InputError, UnknownNameError
 from trocar.simulation import World
 
@@ -32,21 +32,15 @@ def install(folder: Path, package: str, groups: dict[str, dict[str, str]]) -> No
     (info / "entry_points.txt").write_text("\n".join(lines))
 
 
-def forget_installed() -> None:
-    """Let the next look read the installed packages again."""
-    installed.cache_clear()
-    registered.cache_clear()
-
-
 @pytest.fixture
 def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A folder of installed packages."""
     folder = tmp_path / "site"
     folder.mkdir()
     monkeypatch.syspath_prepend(folder)
-    forget_installed()
+    registered.cache_clear()
     yield folder
-    forget_installed()
+    registered.cache_clear()
 
 
 @pytest.fixture
@@ -55,7 +49,7 @@ def example(site: Path) -> Path:
     project = tomllib.loads((EXAMPLE / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     shutil.copytree(EXAMPLE / "src", site, dirs_exist_ok=True)
     install(site, "trocar_example", project["entry-points"])
-    forget_installed()
+    registered.cache_clear()
     return site
 
 

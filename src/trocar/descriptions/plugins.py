@@ -6,19 +6,13 @@ A package registers a name in the group `trocar.KIND`, see docs/extending.md.
 from __future__ import annotations
 
 from functools import lru_cache
-from importlib.metadata import EntryPoint, EntryPoints, entry_points
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, Literal
 
 from trocar.errors import DescriptionError, InputError, UnknownNameError
 
 Kind = Literal["arms", "tools", "rigs", "props", "scenes", "tasks", "controllers"]
-
-
-@lru_cache
-def installed() -> EntryPoints:
-    """Read the entry points of all installed packages, once: it takes 5 ms."""
-    return entry_points()
 
 
 @lru_cache
@@ -29,7 +23,7 @@ def registered(kind: Kind) -> dict[str, EntryPoint]:
         InputError: two packages register one name
     """
     found: dict[str, EntryPoint] = {}
-    for entry in installed().select(group=f"trocar.{kind}"):
+    for entry in entry_points(group=f"trocar.{kind}"):
         other = found.setdefault(entry.name, entry)
         if other.value != entry.value:
             raise InputError(

@@ -43,7 +43,7 @@ def test_links_inside_the_repository_lead_somewhere() -> None:
 
 def test_the_readme_shows_every_command_and_no_other() -> None:
     shown = {line.split()[1] for line in commands()} - {"--help"}
-    assert set(COMMANDS) - {"cad", "rcm", "completion"} <= shown <= set(COMMANDS)
+    assert set(COMMANDS) - {"calibrate-paper", "rcm", "completion"} <= shown <= set(COMMANDS)
 
 
 def test_the_readme_calls_no_sample_file_a_recording_of_a_real_robot() -> None:

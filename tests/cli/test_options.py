@@ -41,7 +41,7 @@ MODES = {
     "views": "-o {o}/views --count 3",
     "excite": "-o {o}/a.csv --candidates 1",
     "calibrate {s}/tracks.csv": "--arm psm",
-    "calibrate --from kinematics {s}/touches.toml": "",
+    "calibrate-bases {s}/touches.toml": "",
     "rcm {s}/tracks.csv": "--arm psm",
     "fk psm 0 0 0.1 0 0 0": "",
     "ik psm 0 0 -0.1 0 1 0 0": "",
@@ -57,8 +57,8 @@ MODES = {
 }
 #: Modes that take longer.
 SLOW = {
-    "calibrate --from paper": "--arm psm",
-    "calibrate --plan": "--arm psm --duration 6",
+    "calibrate-paper": "--arm psm",
+    "calibrate-plan": "--arm psm --duration 6",
     "bench core": "",
     "bench speed": "--duration 0.02 --passes 1",
     "tune psm": "--joint roll",
@@ -219,8 +219,8 @@ def test_every_command_is_walked_through() -> None:
         ),
         ("run script.py --overwrite", "--overwrite", "with --record"),
         ("bench core --passes 2", "--passes", "with PART speed"),
-        ("bench fidelity --robots 2", "--robots", "with --calibration without an OVERLAY"),
-        ("calibrate --arm psm tracks.csv --markers 4", "--markers", "with --plan"),
+        ("bench fidelity --robots 2", "--robots", "with PART calibration"),
+        ("calibrate-paper --arm psm --overwrite", "--overwrite", "with --output"),
         ("track --camera 0 --calibration dvrk --left a", "--left", "with --bag"),
         ("calibrate-camera views.toml --overwrite", "--overwrite", "with --output or --ros"),
         ("verify --overwrite", "--overwrite", "with --report"),

@@ -16,6 +16,7 @@ from trocar.cli.worlds import add_world, make_world
 from trocar.descriptions import load_arm
 from trocar.descriptions.overlay import ClosurePatch, Overlay, write_overlay
 from trocar.errors import UnknownNameError
+from trocar.robot.verification.figures import Figure
 from trocar.simulation import World
 
 REPORT = [
@@ -191,7 +192,7 @@ def test_bench_measures_calibrated_robots_by_their_speed_alone(capsys, tmp_path)
     assert main(["bench", "fidelity", "--calibration", file]) == 2
     assert "--calibration OVERLAY: allowed with PART speed only" in capsys.readouterr().err
     assert main(["bench", "speed", "--calibration"]) == 2
-    assert "without an OVERLAY: allowed with PART fidelity only" in capsys.readouterr().err
+    assert "--calibration: got no OVERLAY; allowed: one or more" in capsys.readouterr().err
     write_overlay(file, Overlay("mtml"), overwrite=True)
     assert main(words) == 2
     assert "is a calibration of 'mtml'; allowed: ecm" in capsys.readouterr().err
@@ -203,15 +204,31 @@ def test_bench_refuses_a_duration_of_nothing(capsys):
         assert "allowed: above 0" in capsys.readouterr().err
 
 
+def test_calibration_without_an_overlay_stands_for_the_part_of_this_name(capsys, monkeypatch):
+    counts: list[int] = []
+
+    def measured(robots: int) -> list[Figure]:
+        counts.append(robots)
+        return []
+
+    home = "trocar.robot.verification"
+    monkeypatch.setattr(f"{home}.fidelity.fidelity", lambda **_: [])
+    monkeypatch.setattr(f"{home}.unseen_robots.unseen_robots", measured)
+    assert main(["bench", "fidelity", "--calibration", "--robots", "3"]) == 0
+    assert "is deprecated; use PART calibration" in capsys.readouterr().err
+    assert main(["bench", "calibration", "--robots", "4"]) == 0
+    assert "deprecated" not in capsys.readouterr().err
+    assert counts == [3, 4]
+
+
 def test_bench_says_that_a_part_comes_before_calibration(capsys):
     assert main(["bench", "--calibration", "some.toml", "speed"]) == 2
     assert "trocar bench speed --calibration" in capsys.readouterr().err
 
 
 @pytest.mark.slow
-def test_bench_calibrates_robots_that_it_has_not_seen(capsys, monkeypatch):
-    monkeypatch.setattr("trocar.robot.verification.fidelity.fidelity", lambda **_: [])
-    assert main(["bench", "fidelity", "--calibration", "--robots", "1", "--json"]) == 0
+def test_bench_calibrates_robots_that_it_has_not_seen(capsys):
+    assert main(["bench", "calibration", "--robots", "1", "--json"]) == 0
     found = {f["name"]: f for f in json.loads(capsys.readouterr().out)["figures"]}
     for name in ("psm", "ecm"):
         assert found[f"{name}: exchanged labels named, of 84 exchanges"]["met"]

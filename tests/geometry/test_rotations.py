@@ -70,6 +70,12 @@ def test_skew_is_the_cross_product(rng):
     assert np.abs((r.skew(a) @ b[..., None])[..., 0] - np.cross(a, b)).max() < ROUNDING
 
 
+def test_unskew_undoes_skew_and_leaves_out_what_is_symmetric(rng):
+    v, K = rng.standard_normal((30, 3)), rng.standard_normal((30, 3, 3))
+    symmetric = K + np.swapaxes(K, -1, -2)
+    assert np.abs(r.unskew(r.skew(v) + symmetric) - v).max() < ROUNDING
+
+
 def test_quaternions_return_through_the_matrix_to_rounding(rng):
     q = rng.standard_normal((5000, 4))
     q[:4000] *= 10.0 ** rng.uniform(-12, 0, (4000, 4))  # near every axis and near half turns

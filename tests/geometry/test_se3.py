@@ -71,6 +71,19 @@ def test_exponential_solves_its_differential_equation(rng):
         assert np.abs(slope - twist @ se3.exp_twist(xi * t)).max() < 4e-9
 
 
+def test_pose_residuals_are_the_shift_and_turn_that_were_applied(rng):
+    expected = se3.exp_twist(rng.standard_normal((50, 6)))
+    shift, turn = rng.standard_normal((2, 50, 3))
+    for size in (1.0, 1e-6, 0.0):
+        measured = expected.copy()
+        measured[:, :3, 3] += size * shift
+        rotation = rotations.matrix_from_rotation_vector(size * turn)
+        measured[:, :3, :3] = rotation @ expected[:, :3, :3]
+        found = se3.pose_residuals(measured, expected)
+        # Rounding of unit numbers; turns of up to 3 rad lose a digit near a half turn.
+        assert np.abs(found - size * np.hstack([shift, turn])).max() < 1e-13
+
+
 def test_adjoint_carries_twists_between_frames(rng):
     T, xi = random_poses(rng), 0.5 * rng.standard_normal((500, 6))
     carried = (se3.adjoint(T) @ xi[..., None])[..., 0]

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import gc
 import json
-import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, cast
 
+from tests.calls import calls_of
 from tests.ros.asking import HOME, joints, stamped
 from tests.ros.served import Served
 from tests.ros.websocket.test_conversation import Wire
@@ -19,19 +18,8 @@ SENT = stamped(joints(*HOME), (0, 0)) | {"header": {"stamp": {"secs": 0, "nsecs"
 
 
 def calls(work: Callable[[], object]) -> list[str]:
-    """Return the functions of Python that are called, in order."""
-    called: list[str] = []
-    before = sys.getprofile()
-    gc.disable()  # a collection here would call what others hang on to it
-    sys.setprofile(
-        lambda frame, event, _: called.append(frame.f_code.co_name) if event == "call" else None
-    )
-    try:
-        work()
-    finally:
-        sys.setprofile(before)
-        gc.enable()
-    return called[1:]
+    """List the functions of Python that are called, in order."""
+    return [call.function for call in calls_of(work, counted=lambda _: True)][1:]
 
 
 def test_a_set_point_takes_few_calls_from_json_to_the_inbox() -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.simulation.pitching import whole_pitch
 from trocar.descriptions import load_arm, load_rig
 from trocar.descriptions.overlay import Overlay, write_overlay
 from trocar.descriptions.rigs import lone_arm_rig
@@ -20,23 +21,7 @@ from trocar.simulation.health import arm_health, remote_centre_error, remote_cen
 #: Source: the goals that `trocar bench` prints beside its figures.
 GAP_M = 0.1e-6
 RCM_M = 3e-6
-PITCH = 1
 GRIPPER = Path(__file__).parents[2] / "examples" / "mechanisms" / "four_bar_gripper.toml"
-
-
-def whole_pitch(world: World, name: str, seconds: float) -> np.ndarray:
-    """Set-points and their rates that take the pitch over its whole range and back, every 1 ms."""
-    mechanism = world.rig.arm(name).arm.mechanism
-    lower, upper = mechanism.lower, mechanism.upper
-    time = world.timestep * np.arange(round(seconds / world.timestep))
-    q = np.tile(np.clip(np.zeros(len(lower)), lower, upper), (len(time), 1))
-    q[:, 2] = 0.12
-    v = np.zeros_like(q)
-    middle, half = 0.5 * (lower + upper)[PITCH], 0.5 * (upper - lower)[PITCH]
-    omega = 2.0 * np.pi / seconds
-    q[:, PITCH] = middle - half * np.cos(omega * time)
-    v[:, PITCH] = half * omega * np.sin(omega * time)
-    return np.stack([q, v])
 
 
 @pytest.mark.parametrize(("rig", "name"), [("psm", "PSM1"), ("ecm", "ECM")])

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from tests.simulation.pitching import PITCH, whole_pitch
 from trocar.descriptions import load_arm
 from trocar.kinematics.loops import gaps, residual_jacobian, residuals
 from trocar.modeling.build import lone_rig
@@ -17,22 +18,6 @@ from trocar.simulation.health import arm_health
 #: Source: the goals that `trocar bench` prints beside its figures.
 GAP_M = 0.1e-6
 RCM_M = 3e-6
-PITCH = 1
-
-
-def whole_pitch(world: World, name: str, seconds: float) -> np.ndarray:
-    """Set-points and their rates that take the pitch over its whole range and back, every 1 ms."""
-    arm = world.rig.arm(name).arm
-    lower, upper = arm.mechanism.lower, arm.mechanism.upper
-    time = world.timestep * np.arange(round(seconds / world.timestep))
-    q = np.tile(np.clip(np.zeros(len(lower)), lower, upper), (len(time), 1))
-    q[:, 2] = 0.12
-    v = np.zeros_like(q)
-    middle, half = 0.5 * (lower + upper)[PITCH], 0.5 * (upper - lower)[PITCH]
-    omega = 2.0 * np.pi / seconds
-    q[:, PITCH] = middle - half * np.cos(omega * time)
-    v[:, PITCH] = half * omega * np.sin(omega * time)
-    return np.stack([q, v])
 
 
 @pytest.mark.parametrize(("rig", "name"), [("psm", "PSM1"), ("ecm", "ECM")])

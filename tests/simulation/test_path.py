@@ -2,37 +2,14 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable
-from pathlib import Path
-from types import FrameType
-
 import numpy as np
 import pytest
 
-import trocar
+from tests.calls import calls_of
 from trocar.simulation import World
 
 #: Source: our own choice, what a reader follows without losing the thread.
 MOST_CALLS, MOST_FILES = 12, 6
-
-
-def path_of(action: Callable[[], object]) -> list[tuple[str, str]]:
-    """Return (file, function) of every Python call of trocar's that an action makes."""
-    calls: list[tuple[str, str]] = []
-    ours = str(Path(trocar.__file__).parent)
-
-    def note(frame: FrameType, event: str, _: object) -> None:
-        if event == "call" and frame.f_code.co_filename.startswith(ours):
-            calls.append((frame.f_code.co_filename, frame.f_code.co_name))
-
-    before = sys.getprofile()
-    sys.setprofile(note)
-    try:
-        action()
-    finally:
-        sys.setprofile(before)
-    return calls
 
 
 @pytest.mark.parametrize("rig", ["psm", "full_cart"])
@@ -42,9 +19,9 @@ def test_a_set_point_and_a_measurement_take_few_calls(rig: str, verb: str) -> No
     q = np.array([0.1, 0.1, 0.13, 0.1, 0.1, 0.1])
     actions = {"servo_jp": lambda: arm.servo_jp(q), "measured_js": arm.measured_js}
     actions[verb]()  # the first one reports the operating state, and fills buffers
-    calls = path_of(actions[verb])
+    calls = calls_of(actions[verb])
     assert len(calls) <= MOST_CALLS, calls
-    assert len({file for file, _ in calls}) <= MOST_FILES, calls
+    assert len({call.file for call in calls}) <= MOST_FILES, calls
 
 
 def test_a_set_point_is_the_input_of_its_servo() -> None:

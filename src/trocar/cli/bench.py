@@ -1,9 +1,9 @@
 """Benchmark speed and accuracy, and compare each figure with its goal.
 
-The real-time factor of PART speed depends on the machine: compare the ratio to bare MuJoCo. With
---calibration, fidelity also measures what `trocar calibrate` makes of robots that it has not seen:
-accuracy, intervals, exchanged labels, broken loops, setup joints (half an hour). python -m
-benchmarks --help lists more, in the repository. See docs/performance.md.
+The real-time factor of PART speed depends on the machine: compare the ratio to bare MuJoCo. PART
+calibration measures what `trocar calibrate` makes of robots that it has not seen: accuracy,
+intervals, exchanged labels, broken loops, setup joints (half an hour). python -m benchmarks --help
+lists more, in the repository. See docs/performance.md.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from typing import TYPE_CHECKING, Any
 
 from trocar.cli.arguments import add_json, allow, options
-from trocar.cli.output import print_result, progress_steps, table
+from trocar.cli.output import print_result, progress_steps, table, warn
 from trocar.errors import InputError
 from trocar.robot.experiments import BENCHED, chosen, listed, names_of
 
@@ -24,7 +24,7 @@ SUMMARY = "benchmark speed against bare MuJoCo, and accuracy"
 ORDER = 200
 
 #: Experiments that PART names; options choose the others.
-PARTS = BENCHED[:3]
+PARTS = BENCHED[:4]
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -37,9 +37,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         --poses N:int = 10000      number of inverse-kinematics poses
         --robots N:int = 40        number of calibrated robots of each kind
         --log FILE                 replay this PSM recording (docs/follow.md)
-        --calibration OVERLAY [...]
-            measure speed with these calibrated robots; with PART fidelity and no OVERLAY, calibrate
-            robots and compare them with the truth
+        --calibration OVERLAY [...]  measure speed with these calibrated robots
     """, part=_part)  # fmt: skip
     add_json(parser)
 
@@ -67,17 +65,16 @@ def run(args: Namespace) -> int:
             "--calibration OVERLAY: allowed with PART speed only; to measure the accuracy of a"
             " calibrated robot, run `trocar verify --calibration`"
         )
-    calibrating = args.calibration == []
-    if calibrating and "fidelity" not in args.part:
-        raise InputError("--calibration without an OVERLAY: allowed with PART fidelity only")
+    if args.calibration == []:
+        if "fidelity" not in args.part:
+            raise InputError("--calibration: got no OVERLAY; allowed: one or more")
+        warn("--calibration without an OVERLAY is deprecated; use PART calibration")
+        args.part = [*args.part, "calibration"]
     names = args.part or (("speed",) if overlays else names_of(chosen(PARTS, ())))
     for part in PARTS:
         if part.name not in names:
             allow(args, f"with PART {part.name}", *part.options)
-    if not calibrating:
-        allow(args, "with --calibration without an OVERLAY", "robots")
-    names = {*names, *(["calibration"] if calibrating else []), *(["replay"] if args.log else [])}
-    experiments = chosen(BENCHED, names)
+    experiments = chosen(BENCHED, {*names, *(["replay"] if args.log else [])})
     given = {**vars(args), "overlays": overlays}
     rows: list[Table9Row] = []
     found: list[Figure] = []

@@ -1,8 +1,8 @@
 """Simulate arms that touch a block of known points, and write their joint readings.
 
 Poses of the bases and offsets of the joint readings are random. With --boards each arm holds a
-board in front of a camera instead. trocar calibrate --from kinematics reads the files; the ground
-truth is written to FILE.truth.json.
+board in front of a camera instead. trocar calibrate-bases reads the files; the ground truth is
+written to FILE.truth.json.
 """
 
 from __future__ import annotations

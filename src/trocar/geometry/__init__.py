@@ -20,6 +20,7 @@ from trocar.geometry.rotations import (
     rotation_z,
     rpy_from_matrix,
     skew,
+    unskew,
 )
 from trocar.geometry.screws import (
     nearest_point_to_lines,
@@ -35,6 +36,7 @@ from trocar.geometry.se3 import (
     inverse,
     log_transform,
     pose_difference,
+    pose_residuals,
     relative,
     transform,
     transform_points,
@@ -58,6 +60,7 @@ __all__ = [
     "nearest_rotation",
     "point_line_distance",
     "pose_difference",
+    "pose_residuals",
     "prismatic_screw",
     "quaternion_from_matrix",
     "relative",
@@ -74,4 +77,5 @@ __all__ = [
     "transform",
     "transform_points",
     "translation",
+    "unskew",
 ]

@@ -71,6 +71,20 @@ def skew(v: ArrayLike) -> Array:
     return matrix
 
 
+def unskew(K: ArrayLike) -> Array:
+    """Compute the vector of the skew part of a matrix; undoes `skew`.
+
+    Args:
+        K: (..., 3, 3)
+
+    Returns:
+        (..., 3)
+    """
+    m = np.asarray(K, dtype=np.float64)
+    half = 0.5 * (m - np.swapaxes(m, -1, -2))
+    return np.stack([half[..., 2, 1], half[..., 0, 2], half[..., 1, 0]], axis=-1)
+
+
 def matrix_from_rpy(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> Array:
     """Turn about the fixed axes x, then y, then z, as URDF does: R = Rz(yaw) Ry(pitch) Rx(roll).
 

@@ -19,6 +19,7 @@ from trocar.geometry.rotations import (
     matrix_from_rotation_vector,
     rotation_vector_from_matrix,
     skew,
+    unskew,
 )
 
 # Source: below it the series in `_left_jacobian` and `_inverse_left_jacobian` stop short by less
@@ -191,6 +192,26 @@ def pose_difference(Ta: ArrayLike, Tb: ArrayLike) -> tuple[Array, Array]:
     a, b = np.asarray(Ta, dtype=np.float64), np.asarray(Tb, dtype=np.float64)
     distance = np.linalg.norm(a[..., :3, 3] - b[..., :3, 3], axis=-1)
     return np.asarray(distance), angle_between(a[..., :3, :3], b[..., :3, :3])
+
+
+def pose_residuals(measured: ArrayLike, expected: ArrayLike) -> Array:
+    """Compute measured less expected poses, in the axes of the frame that both are in.
+
+    Args:
+        measured, expected: (..., 4, 4)
+
+    Returns:
+        (shift; rotation vector), (..., 6) [m; rad]
+    """
+    one, two = np.asarray(measured, dtype=np.float64), np.asarray(expected, dtype=np.float64)
+    turn = one[..., :3, :3] @ np.swapaxes(two[..., :3, :3], -1, -2)
+    sine = unskew(turn)
+    size = np.linalg.norm(sine, axis=-1)
+    cosine = 0.5 * (np.trace(turn, axis1=-2, axis2=-1) - 1.0)
+    angle = np.arctan2(size, cosine)
+    factor = np.where(size > 1e-12, angle / np.maximum(size, 1e-300), 1.0)
+    away = (one - two)[..., :3, 3]
+    return np.concatenate([away, sine * factor[..., None]], axis=-1)
 
 
 def check_transform(T: ArrayLike, name: str = "pose") -> Array:

@@ -106,7 +106,12 @@ def soften(
         timestep: of the physics [s]
         compiled: compiles it as it is
     """
-    touching = [(one, two) for one, two in combinations(geoms.surfaces, 2) if _meet(one, two)]
+    surfaces = [(surface, surface.shape.stiffness is not None) for surface in geoms.surfaces]
+    touching = [
+        (one, two)
+        for (one, soft), (two, other_soft) in combinations(surfaces, 2)
+        if (soft or other_soft) and _meet(one, two)
+    ]
     if not touching:
         return
     model = compiled()
@@ -153,10 +158,10 @@ def _soft(one: Surface, two: Surface) -> bool:
 
 
 def _meet(one: Surface, two: Surface) -> bool:
-    """Return whether one of two shapes is soft, and contact masks let them touch."""
+    """Return whether two shapes are of different bodies and contact masks let them touch."""
     a, b = one.geom, two.geom
     may = int(a.contype) & int(b.conaffinity) or int(b.contype) & int(a.conaffinity)
-    return _soft(one, two) and one.body != two.body and bool(may)
+    return one.body != two.body and bool(may)
 
 
 def _named(side: Surface, surfaces: Sequence[Surface]) -> str:

@@ -105,8 +105,8 @@ VERIFIED = (
     ),
 )
 
-#: Experiments of `trocar bench`. `speed` returns rows of Table 9, the others figures; the last two
-#: are chosen by options.
+#: Experiments of `trocar bench`. `speed` returns rows of Table 9, the others figures; the last is
+#: chosen by an option.
 BENCHED = (
     Experiment(
         "speed",

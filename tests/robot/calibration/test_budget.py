@@ -14,7 +14,7 @@ from trocar.robot.calibration import Tracks
 from trocar.robot.calibration.axes import betas, distances, find_datum, find_home, measure_axes
 from trocar.robot.calibration.budget import Budget, error_budget, expected_sigma, pose_noise
 from trocar.robot.calibration.linkage import linkage
-from trocar.robot.calibration.measure import planned_figures
+from trocar.robot.calibration.selection import planned_figures
 from trocar.robot.mocap import MarkerNoise, MocapSettings, SimulatedTracks, simulate_tracks
 from trocar.robot.mocap.simulate import Parts, spoil
 

@@ -85,8 +85,7 @@ def test_the_calibrated_twin_moves_as_the_worn_robot_does(name: str, seed: int) 
     still = np.zeros(len(poses), dtype=bool)
     samples = Samples(poses, seen, still, (WHITE.position, WHITE.rotation))
     q = exact.q[::4][:, list(linkage(load_arm(name)).joints)]
-    camera = refining.first_cameras(robot, samples, q)
-    left = register(robot, samples, camera, q).residuals[..., :3]
+    left = register(robot, samples, q).residuals[..., :3]
     # 1440 samples with 100 um each tell a place to 3 to 6 um, with what levers add
     assert np.sqrt(np.mean(np.sum(left**2, axis=-1))) < 1e-5
 

@@ -32,8 +32,8 @@ from trocar.robot.calibration.axes import (
     measure_axes,
 )
 from trocar.robot.calibration.linkage import linkage
-from trocar.robot.calibration.measure import chosen_bodies, planned_figures
 from trocar.robot.calibration.robot import remote_centre_of
+from trocar.robot.calibration.selection import chosen_bodies, planned_figures
 from trocar.robot.calibration.tracks import Tracks
 
 Array = NDArray[np.float64]

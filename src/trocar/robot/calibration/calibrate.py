@@ -26,15 +26,7 @@ from trocar.robot.calibration.axes import Axes, Datum, Home, Value
 from trocar.robot.calibration.checks import LEAST_SCALED, SCALE, scale_of
 from trocar.robot.calibration.labels import Labels, labels_that_fit
 from trocar.robot.calibration.linkage import ClosureKind, linkage
-from trocar.robot.calibration.measure import (
-    Measured,
-    MeasurementPlan,
-    SelectedTracks,
-    exchanged_labels,
-    measure,
-    plan_of,
-    record,
-)
+from trocar.robot.calibration.measure import Measured, exchanged_labels, measure
 from trocar.robot.calibration.rcm import RcmReport
 from trocar.robot.calibration.refine import Refined, refine, seen_samples
 from trocar.robot.calibration.robot import (
@@ -46,6 +38,12 @@ from trocar.robot.calibration.robot import (
     level_of,
     levelled,
     still_point,
+)
+from trocar.robot.calibration.selection import (
+    MeasurementPlan,
+    SelectedTracks,
+    plan_of,
+    selected_tracks,
 )
 from trocar.robot.calibration.tracks import Tracks
 
@@ -172,7 +170,7 @@ def calibrate(
             f"{arm.name}: its loops are not parallelograms; allowed: closure 'general'"
         )
     plan = plan_of(arm, loops, closure or ("parallelogram" if parallel else "general"), bodies)
-    recording = record(plan, tracks, rcm_tracks)
+    recording = selected_tracks(plan, tracks, rcm_tracks)
     try:
         seen = measure(plan, recording, watch)
     except InputError as problem:

@@ -387,9 +387,3 @@ def leading(linkage: LoopedPart, body: str) -> list[Slot]:
         found.append(above[body])
         body = above[body].body
     return found
-
-
-def unskew(spin: Array) -> Array:
-    """Return the vector of the skew part of a matrix, (..., 3)."""
-    half = 0.5 * (spin - np.swapaxes(spin, -1, -2))
-    return np.stack([half[..., 2, 1], half[..., 0, 2], half[..., 1, 0]], axis=-1)

@@ -42,7 +42,13 @@ from trocar.fitting import (
     white_noise,
 )
 from trocar.fitting.adjust import slopes
-from trocar.geometry import inverse, matrix_from_rotation_vector, rotation_z, transform
+from trocar.geometry import (
+    inverse,
+    matrix_from_rotation_vector,
+    rotation_z,
+    transform,
+    unskew,
+)
 from trocar.kinematics.forward import poses
 from trocar.kinematics.mechanism import Mechanism
 from trocar.robot.calibration.axes import (
@@ -50,7 +56,7 @@ from trocar.robot.calibration.axes import (
     BaseAxis,
     Value,
 )
-from trocar.robot.calibration.linkage import bodies_of, unskew
+from trocar.robot.calibration.linkage import bodies_of
 from trocar.robot.calibration.tracks import Tracks, check_together, select_bodies
 
 Array = NDArray[np.float64]

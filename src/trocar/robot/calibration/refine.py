@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 from scipy.optimize import least_squares  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 
-from trocar.geometry import inverse, matrix_from_rotation_vector, skew
+from trocar.geometry import inverse, matrix_from_rotation_vector, pose_residuals, skew
 from trocar.robot.calibration.axes import Axes, Home
 from trocar.robot.calibration.linkage import LoopedPart, freedoms
 from trocar.robot.calibration.robot import (
@@ -28,7 +28,6 @@ from trocar.robot.calibration.robot import (
     marker_poses,
     marker_rates,
     mechanism_of,
-    pose_residuals,
 )
 from trocar.robot.calibration.tracks import Tracks
 
@@ -152,17 +151,23 @@ class Groups:
     home: Mask
 
 
-def register(robot: Robot, samples: Samples, camera: Array, q: Array) -> RegisteredSamples:
+def register(
+    robot: Robot, samples: Samples, q: Array, camera: Array | None = None
+) -> RegisteredSamples:
     """Fit camera pose and joint positions of each sample by weighted least squares.
 
     Args:
         robot: the geometry, which stays
         samples: what was seen
-        camera, q: where to begin, (n, 4, 4) and (n, n_moving)
+        q: joint positions to begin with, (n, n_moving) [rad]
+        camera: T_camera_ground to begin with, (n, 4, 4); by default as the first body that each
+            sample has shows it at `q`
     """
     mechanism, moving = mechanism_of(robot), q.shape[1]
-    camera, q = camera.copy(), q.copy()
     weight = samples.seen[..., None] * samples.weights
+    if camera is None:
+        each = np.arange(len(q)), np.argmax(samples.seen, axis=1)
+        camera = samples.poses[each] @ inverse(marker_poses(robot, mechanism, q)[each])
     residuals = np.zeros(0)
     for _ in range(STEPS):
         expected = marker_poses(robot, mechanism, q)
@@ -466,7 +471,7 @@ def refine(
     tilted = () if parallelogram else may_tilt(robot.linkage)
     robot = replace(robot, tilts={name: np.zeros(2) for name in tilted})
     free = freedoms(robot.linkage, parallelogram), tilted
-    found = register(robot, samples, first_cameras(robot, samples, q), q)
+    found = register(robot, samples, q)
     history: list[float] = []
     settled = False
     while not settled and len(history) < ROUNDS:
@@ -496,7 +501,7 @@ def _lower(
     """Return the robot at so much of a step that chi-squared falls, None where it never does."""
     for halved in range(tries):
         robot = problem.moved(0.5**halved * step)
-        there = register(robot, samples, found.camera, found.q)
+        there = register(robot, samples, found.q, found.camera)
         if _left(robot, samples, there, problem.level) < before:
             return robot, there
     return None
@@ -541,14 +546,6 @@ def _solve(problem: Problem, sigma: float) -> tuple[Array, bool]:
     # What the tracks hardly show moves on, and changes nothing that they show.
     shown = np.asarray(solved.jac, dtype=np.float64)[: -len(step)] @ step
     return step, float(np.linalg.norm(shown)) < SIGMA_SHARE
-
-
-def first_cameras(robot: Robot, samples: Samples, q: Array) -> Array:
-    """Guess the camera's pose from the first body that each sample has, (n, 4, 4)."""
-    expected = marker_poses(robot, mechanism_of(robot), q)
-    body = np.argmax(samples.seen, axis=1)
-    each = np.arange(len(q))
-    return samples.poses[each, body] @ inverse(expected[each, body])
 
 
 def _result(problem: Problem, found: RegisteredSamples, widened: float) -> Refined:

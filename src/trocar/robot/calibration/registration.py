@@ -22,12 +22,11 @@ from numpy.typing import NDArray
 
 from trocar.errors import InputError
 from trocar.fitting.adjust import Adjustable, Block, Values, adjust, layout
-from trocar.geometry import inverse, nearest_rotation, skew, transform
+from trocar.geometry import inverse, nearest_rotation, pose_residuals, skew, transform
 from trocar.geometry.rotations import rpy_from_matrix
 from trocar.geometry.se3 import translation
 from trocar.kinematics.forward import pose
 from trocar.robot.calibration.axes import Value
-from trocar.robot.calibration.robot import pose_residuals
 from trocar.robot.calibration.touches import TouchReadings
 
 Array = NDArray[np.float64]

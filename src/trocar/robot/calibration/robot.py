@@ -21,7 +21,7 @@ from trocar.descriptions import ArmDescription
 from trocar.descriptions.axis_lines import home_lines, line_distance
 from trocar.descriptions.calibration_plan import Pair
 from trocar.descriptions.frames import pin_frame, pinned
-from trocar.geometry import inverse, skew, transform
+from trocar.geometry import inverse, skew, transform, unskew
 from trocar.kinematics.forward import poses
 from trocar.kinematics.loops import closed_coordinates, loops_are_parallelograms
 from trocar.kinematics.mechanism import Frame, Mechanism
@@ -45,7 +45,6 @@ from trocar.robot.calibration.linkage import (
     rebuilt,
     shift_rows,
     slots,
-    unskew,
 )
 
 Array = NDArray[np.float64]
@@ -244,18 +243,6 @@ def marker_rates(robot: Robot, mechanism: Mechanism, q: Array, at: Array) -> Arr
         spin = (plus - minus)[..., :3, :3] @ np.swapaxes(at[..., :3, :3], -1, -2) / (2.0 * STEP)
         rates[..., 3:, column] = unskew(spin)
     return rates
-
-
-def pose_residuals(measured: Array, expected: Array) -> Array:
-    """Return measured less expected poses, (..., 6) [m, rad] in outer axes."""
-    turn = measured[..., :3, :3] @ np.swapaxes(expected[..., :3, :3], -1, -2)
-    sine = unskew(turn)
-    size = np.linalg.norm(sine, axis=-1)
-    cosine = 0.5 * (np.trace(turn, axis1=-2, axis2=-1) - 1.0)
-    angle = np.arctan2(size, cosine)
-    factor = np.where(size > 1e-12, angle / np.maximum(size, 1e-300), 1.0)
-    away = (measured - expected)[..., :3, 3]
-    return np.concatenate([away, sine * factor[..., None]], axis=-1)
 
 
 def closed_distances(robot: Robot, pairs: Mapping[str, Pair]) -> dict[str, float]:

@@ -67,10 +67,16 @@ def test_a_record_is_the_same_as_itself() -> None:
 
 
 def test_a_set_point_elsewhere_differs_and_the_next_step_follows() -> None:
-    robot = record(step("a", setpoint_js=[0.1]), step("b", setpoint_js=[0.1]))
-    ours = record(step("a", setpoint_js=[0.11]), step("b", setpoint_js=[0.11]))
+    robot = record(step("a", setpoint_js=[0.1]), step("b", setpoint_js=[0.2]))
+    ours = record(step("a", setpoint_js=[0.11]), step("b", setpoint_js=[0.18]))
     assert [row.verdict for row in compared(ours, robot, {})] == ["differs", "follows"]
     assert [row.verdict for row in compared(ours, robot, {"a": "safer"})] == ["purpose", "follows"]
+
+
+def test_a_move_by_the_same_from_elsewhere_is_the_same() -> None:
+    robot = record(step("a", setpoint_js=[0.1]), step("b", setpoint_js=[0.2]))
+    ours = record(step("a", setpoint_js=[0.3]), step("b", setpoint_js=[0.4]))
+    assert [row.verdict for row in compared(ours, robot, {})] == ["differs", "same"]
 
 
 @pytest.mark.parametrize(

@@ -122,7 +122,7 @@ def same_fact(a: Any, b: Any) -> bool:
     if isinstance(a, list) and isinstance(b, list):
         return len(a) == len(b) and all(map(same_fact, a, b))
     if isinstance(a, bool | str) or isinstance(b, bool | str) or a is None or b is None:
-        return a == b
+        return type(a) is type(b) and a == b
     return abs(a - b) <= SAME_FACT
 
 

@@ -239,7 +239,7 @@ def main() -> None:
     time.sleep(1.5)
     steps: list[dict[str, Any]] = []
     try:
-        for part in args.only.split(",") if args.only else plan.parts:
+        for part in args.only.split(",") if args.only else plan.usual or plan.parts:
             for step in plan.parts[part](arm):
                 steps.append(arm.run(step))
                 print(steps[-1]["step"], json.dumps(steps[-1]["events"])[:300], flush=True)

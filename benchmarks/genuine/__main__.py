@@ -17,9 +17,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from benchmarks.genuine.compare import Row, compared
+from benchmarks.genuine.compare import Row, before_parting, compared
 from benchmarks.genuine.plans import PLANS
 from benchmarks.genuine.purpose import PURPOSE
+from benchmarks.genuine.walks import WALKS
 from trocar.cli.arguments import Parser, add_json, options
 from trocar.cli.output import print_json, table
 from trocar.errors import InputError, TrocarError
@@ -133,12 +134,23 @@ def report(found: Mapping[str, Sequence[Row]], verbose: bool) -> str:
                 lines.append(
                     f"{plan} {MARKS[row.verdict]} {row.step}{why} | {'; '.join(row.differences)}"
                 )
-    head = ["plan", "steps", "as the robot's", "on purpose", "differ first", "follow"]
+    head = [
+        "plan",
+        "steps",
+        "as the robot's",
+        "on purpose",
+        "differ first",
+        "follow",
+        "parts after",
+    ]
     body = []
     for plan, each in found.items():
         n = counts(each)
         numbers = (len(each), n["same"], n["purpose"], n["differs"], n["follows"])
-        body.append([plan, *map(str, numbers)])
+        walks = before_parting(each).values() if plan in WALKS else ()
+        same, count = sum(walk[0] for walk in walks), sum(walk[1] for walk in walks)
+        share = f"{same} of {count} ({same / count:.0%})" if count else ""
+        body.append([plan, *map(str, numbers), share])
     return "\n".join([*lines, table(head, body)])
 
 

@@ -92,6 +92,25 @@ def compared(
     return rows
 
 
+def before_parting(found: Sequence[Row]) -> dict[str, tuple[int, int]]:
+    """Return {seed: (commands before the first that differs, commands)} of a walk's rows.
+
+    Args:
+        found: rows of steps named `SEED.NUMBER ...`; those without a number prepare the walk
+    """
+    counted: dict[str, tuple[int, int]] = {}
+    parted: set[str] = set()
+    for row in found:
+        seed, _, command = row.step.partition(".")
+        if not command[:1].isdecimal():
+            continue
+        if row.verdict in ("differs", "follows"):
+            parted.add(seed)
+        same, count = counted.get(seed, (0, 0))
+        counted[seed] = (same + (seed not in parted), count + 1)
+    return counted
+
+
 def outcome(step: Mapping[str, Any]) -> dict[str, Any]:
     """Return the part of a step's events that a client acts on.
 

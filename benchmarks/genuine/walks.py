@@ -90,14 +90,14 @@ def poses(seed: int, arm: Driven) -> Iterator[Step]:
     last = (p, R)
     for k in range(POSES):
         word = draw.choices(("near", "far", "back", "move_cp"), (4, 4, 3, 2))[0]
-        goal = (p, R) if word == "back" else _pose(draw, p, R, 1.0 if word == "near" else 2.5)
+        at, turned = (p, R) if word == "back" else _pose(draw, p, R, 1.0 if word == "near" else 2.5)
         name = f"{seed}.{k:02d} {word}"
         if word == "move_cp":
-            yield Step(name, c.cp("move_cp", *goal), None, 8.0)
+            yield Step(name, c.cp("move_cp", at, turned), None, 8.0)
             last = arm.tip()
         else:
-            yield Step(name, partial(_stream, arm, last, goal), 0.6)
-            last = goal
+            yield Step(name, partial(_stream, arm, last, (at, turned)), 0.6)
+            last = (at, turned)
 
 
 def _begin(c: Commands, seed: int) -> Iterator[Step]:

@@ -28,6 +28,8 @@ from trocar.errors import InputError, TrocarError
 ROOT = Path(__file__).parents[2]
 #: Recorded answers, one compressed JSON document for each plan.
 RECORDED = ROOT / "tests" / "genuine" / "recorded"
+#: Plans that the simulation runs.
+SIMULATED = tuple(name for name, plan in PLANS.items() if plan.rig)
 DRIVER = Path(__file__).parent / "drive.py"
 MARKS = {"differs": "!", "follows": "~", "purpose": "=", "same": " "}
 
@@ -36,7 +38,7 @@ def main(words: Sequence[str] | None = None) -> int:
     """Run plans, print how many steps are as the robot's, and return the exit status."""
     parser = Parser(prog="python -m benchmarks genuine", description=__doc__)
     options(parser, f"""
-        --plan {'|'.join(PLANS)} ...  run this plan (repeatable; default: all)
+        --plan {'|'.join(SIMULATED)} ...  run this plan (repeatable; default: all)
         --only PARTS                  these parts of the plan, such as A,C (default: all)
         -v,--verbose                  print steps that differ: ! here first, ~ follows from a step
                                       before, = on purpose
@@ -54,7 +56,7 @@ def main(words: Sequence[str] | None = None) -> int:
     try:
         found = {
             plan: rows(plan, args.only or "", live=args.live, keep=args.keep)
-            for plan in args.plan or PLANS
+            for plan in args.plan or SIMULATED
         }
     except TrocarError as error:
         print(f"benchmarks: error: {error}", file=sys.stderr)

@@ -24,6 +24,7 @@ INTERRUPTED = frozenset((
 ))  # fmt: skip
 SETPOINTS = ("setpoint_js", "jaw/setpoint_js")
 HANG = "a move while the arm is not homed: the robot stays busy for ever, ours refuses"
+OUTCOME = ("operating_state", "desired_state", "goal_reached", "status")
 Verdict = Literal["same", "purpose", "differs", "follows"]
 
 
@@ -153,7 +154,7 @@ def outcome(step: Mapping[str, Any]) -> dict[str, Any]:
     """Return the part of a step's events that a client acts on.
 
     That is the last state, the last desired state, goals in their order, and whether an error or
-    a warning came.
+    a warning came; of other topics the last message.
     """
     events = [(topic, value) for _, topic, value in step["events"]]
 
@@ -166,6 +167,9 @@ def outcome(step: Mapping[str, Any]) -> dict[str, Any]:
         "goals": values("goal_reached"),
         "error": bool(values("error")),
         "warning": bool(values("warning")),
+        "others": {
+            topic: value for topic, value in events if topic not in (*OUTCOME, "error", "warning")
+        },
     }
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any
 
@@ -27,10 +27,15 @@ FAR = (0.8, *HOME[1:])
 
 
 class Commands:
-    """Makes the commands of steps, to be called when a step runs."""
+    """Makes the commands of steps, to be called when a step runs.
 
-    def __init__(self, arm: Driven) -> None:
-        self.arm = arm
+    Args:
+        arm: the arm
+        home: its posture after `home`
+    """
+
+    def __init__(self, arm: Driven, home: Sequence[float] = HOME) -> None:
+        self.arm, self.home = arm, tuple(home)
 
     def state(self, command: str) -> Act:
         """Publish a state_command."""
@@ -73,16 +78,16 @@ class Commands:
 
         return run
 
-    def move(self, name: str, q: Any = HOME) -> Step:
-        """Move joints and wait for the end."""
-        return Step(name, self.jp("move_jp", q), None)
+    def move(self, name: str, q: Any = None) -> Step:
+        """Move joints, to `home` by default, and wait for the end."""
+        return Step(name, self.jp("move_jp", self.home if q is None else q), None)
 
     def fix(self, part: str) -> Step:
         """Recover."""
         return Step(f"{part} fix", partial(recover, self.arm), 0.1)
 
     def begin(self, part: str) -> Iterator[Step]:
-        """Recover and go to `HOME`."""
+        """Recover and go to `home`."""
         yield self.fix(part)
         yield self.move(f"{part} back")
 

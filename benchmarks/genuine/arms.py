@@ -72,6 +72,8 @@ def poses(home: Sequence[float], sizes: Sequence[float], arm: Driven) -> Iterato
     """Yield Cartesian commands."""
     c = Commands(arm, home)
     yield c.fix("P")
+    own = c.cp("set_base_frame", [0.0, 0.0, 0.0], np.eye(3), f"{arm.name}_base")
+    yield Step("P0 set_base_frame identity", own, 0.8)
     yield c.move("P0 aside", np.add(home, np.multiply(sizes, 0.4)))
     p, R = arm.tip()
     arm.fact("P0 tip", [p, R])

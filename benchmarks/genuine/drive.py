@@ -68,6 +68,10 @@ class Arm:
             if topic in self._events:
                 self.events.append((time.time(), topic, found))
 
+    def advertise(self, topic: str, kind_name: str) -> None:
+        """As `Driven`."""
+        self._publisher(topic, kind(kind_name))
+
     def send(self, topic: str, kind_name: str, **fields: Any) -> None:
         """As `Driven`."""
         message = kind(kind_name)()

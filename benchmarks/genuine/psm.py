@@ -39,30 +39,37 @@ class Commands:
 
     def state(self, command: str) -> Act:
         """Publish a state_command."""
+        self.arm.advertise("state_command", "crtk_msgs/StringStamped")
         return partial(self.arm.state, command)
 
     def jp(self, topic: str, q: Any, **fields: Any) -> Act:
         """Publish joint positions."""
+        self.arm.advertise(topic, "sensor_msgs/JointState")
         return partial(self.arm.joints, topic, q, **fields)
 
     def cp(self, topic: str, p: Any, R: Any, frame: str = "") -> Act:
         """Publish a pose."""
+        self.arm.advertise(topic, "geometry_msgs/PoseStamped")
         return partial(self.arm.pose, topic, p, R, frame)
 
     def number(self, topic: str, value: float) -> Act:
         """Publish a Float64."""
+        self.arm.advertise(topic, "std_msgs/Float64")
         return partial(self.arm.send, topic, "std_msgs/Float64", data=value)
 
     def empty(self, topic: str) -> Act:
         """Publish an Empty."""
+        self.arm.advertise(topic, "std_msgs/Empty")
         return partial(self.arm.send, topic, "std_msgs/Empty")
 
     def text(self, topic: str, value: str) -> Act:
         """Publish a String."""
+        self.arm.advertise(topic, "std_msgs/String")
         return partial(self.arm.send, topic, "std_msgs/String", data=value)
 
     def bool(self, topic: str, value: bool) -> Act:
         """Publish a Bool."""
+        self.arm.advertise(topic, "std_msgs/Bool")
         return partial(self.arm.send, topic, "std_msgs/Bool", data=value)
 
     def wait(self, seconds: float) -> Act:
@@ -234,7 +241,7 @@ def poses(arm: Driven) -> Iterator[Step]:
 
     yield cp("C1 move_cp +3 cm x", "move_cp", p + np.array([0.03, 0, 0]))
     yield cp("C2 move_cp rotated 0.6 about x", "move_cp", p, R @ rotation([1, 0, 0], 0.6))
-    yield cp("C3 move_cp 1 m away", "move_cp", p + np.array([1.0, 0, 0]), wait=2.0)
+    yield cp("C3 move_cp 1 m away", "move_cp", p + np.array([1.0, 0, 0]))
     yield cp("C4 move_cp 0.3 m deeper", "move_cp", p + np.array([0, 0, -0.3]))
     yield c.move("C4 back")
     yield cp("C5 move_cp 5 mm from the RCM", "move_cp", [0, 0, -0.005])
@@ -526,5 +533,5 @@ def system(arm: Driven) -> Iterator[Step]:
 #: Parts of the plan by letter. Source: the plan of the first comparison, kept step by step.
 PARTS: Parts = {
     "A": states, "B": moves, "C": poses, "D": limits, "E": jaw, "K": jumps, "F": efforts,
-    "G": frames, "I": services, "T": tools, "N": not_numbers, "P": system,
+    "G": frames, "I": services, "T": tools, "P": system, "N": not_numbers,
 }  # fmt: skip

@@ -19,6 +19,9 @@ class Driven(Protocol):
 
     name: str
 
+    def advertise(self, topic: str, kind_name: str) -> None:
+        """Connect to a topic's subscribers, so that a later command is not late."""
+
     def send(self, topic: str, kind_name: str, **fields: Any) -> None:
         """Publish a message of a type; a topic that begins with / is not the arm's."""
 

@@ -31,6 +31,17 @@ def follow(arm: Driven) -> Iterator[Step]:
     def pedal(name: str, pressed: int) -> Act:
         return partial(arm.send, f"/console/emulate_{name}", "sensor_msgs/Joy", buttons=[pressed])
 
+    def present() -> None:
+        """Press the pedal, and pinch.
+
+        Masters of the robot's own simulation start without (start_gripper_threshold 0), and have
+        no topic for the gripper.
+        """
+        pedal("operator_present", 1)()
+        for opening in (0.9, 0.0, 0.9):
+            arm.joints("/MTMR/gripper/servo_jp", [opening])
+            arm.sleep(0.4)
+
     def master(name: str, *shift: float) -> Iterator[Step]:
         """Move the tip of the master and record how far the instrument's tip went."""
         pose = (arm.get("/MTMR/setpoint_cp") or {})["pose"]
@@ -47,7 +58,7 @@ def follow(arm: Driven) -> Iterator[Step]:
     yield Step("L2 move the master", c.jp("/MTMR/move_jp", MASTER), 2.5)
     yield Step("L3 operator away", pedal("operator_present", 0), 0.6)
     yield Step("L4 teleop/enable", c.bool("/console/teleop/enable", True), 3.0)
-    yield Step("L5 operator present", pedal("operator_present", 1), 5.0)
+    yield Step("L5 operator present", present, 5.0)
     yield from master("L6 master 2 cm x", 0.02, 0.0, 0.0)
     yield from master("L7 master 2 cm y", 0.0, 0.02, 0.0)
     yield Step("L8 clutch", pedal("clutch", 1), 1.0)
@@ -62,7 +73,7 @@ def follow(arm: Driven) -> Iterator[Step]:
     yield Step("L17 lock_rotation off", c.bool(f"{PAIR}/lock_rotation", False), 1.0)
     yield Step("L18 operator leaves", pedal("operator_present", 0), 1.0)
     yield from master("L19 master 2 cm, no operator", 0.02, 0.0, 0.0)
-    yield Step("L20 operator back", pedal("operator_present", 1), 3.0)
+    yield Step("L20 operator back", present, 3.0)
     yield Step("L21 teleop/disable", c.bool("/console/teleop/enable", False), 1.5)
 
 

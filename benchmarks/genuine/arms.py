@@ -120,8 +120,8 @@ def setup(arm: Driven) -> Iterator[Step]:
 
 
 def kinematics(arm: Driven) -> Iterator[Step]:
-    """Yield nothing but a rest; record forward and inverse kinematics."""
-    yield Step("K0", None, 0.5)
+    """Yield the way home; record forward and inverse kinematics."""
+    yield from Commands(arm).begin("K")
     for q in POSTURES:
         name = " ".join(f"{x:g}" for x in q)
         answer = arm.call(

@@ -46,5 +46,8 @@ PLANS = {
     "psm-si": Plan("PSM1", "", "system-PSM1_Si_KIN_SIMULATED.json", arms.KINEMATICS),
     "suj": Plan("SUJ/PSM1", "full_cart_mtm", FULL, arms.SUJ),
     "teleoperation": Plan("PSM1", "full_cart_mtm", FULL, teleoperation.PARTS, teleoperation.TOPICS),
-    **{name: Plan("PSM1", "psm", PSM1, parts, JAW, SEEDS) for name, parts in WALKS.items()},
+    **{
+        name: Plan("PSM1", "psm", PSM1, parts, JAW, SEEDS[: 4 if name == "walk-states" else 6])
+        for name, parts in WALKS.items()
+    },
 }

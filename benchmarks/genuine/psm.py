@@ -530,8 +530,8 @@ def system(arm: Driven) -> Iterator[Step]:
     yield Step("P3 system/home", c.empty("/system/home"), 5.0)
 
 
-#: Parts of the plan by letter. Source: the plan of the first comparison, kept step by step.
+#: Parts of the plan by letter. Source: the plan of the first comparison, step by step.
 PARTS: Parts = {
-    "A": states, "B": moves, "C": poses, "D": limits, "E": jaw, "K": jumps, "F": efforts,
-    "G": frames, "I": services, "T": tools, "P": system, "N": not_numbers,
+    "A": states, "B": moves, "C": poses, "D": limits, "E": jaw, "P": system, "K": jumps,
+    "F": efforts, "G": frames, "I": services, "T": tools, "N": not_numbers,
 }  # fmt: skip

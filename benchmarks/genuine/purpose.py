@@ -7,7 +7,7 @@ from benchmarks.genuine.compare import HANG
 NAN = "NaN: ours is rejected; the robot's set-points become NaN, and it disables"
 EFFORT = "efforts: the arm moves by its dynamics; the robot's simulation has none"
 RESUME = "pause twice, then resume: ours is ENABLED; the robot stays PAUSED until disabled"
-HOMED = "a new simulation is enabled and homed; the robot's software starts DISABLED"
+HOMED = "a new simulation: ours is enabled and homed; the robot's software starts DISABLED"
 TWICE = "two servo_jr at once: both count; the robot may lose one"
 MASTER = "teleoperation: a simulated master yields to its load; the robot's simulation has none"
 BRAKES = "setup joints: brakes and links yield by a millimetre; the robot's simulation has no load"

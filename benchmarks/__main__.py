@@ -2,6 +2,7 @@
 
 python -m benchmarks attack --help: attack a simulator and count what fails.
 python -m benchmarks against --help: speed of an older commit and of this tree, in turn.
+python -m benchmarks genuine --help: answers beside those of the dVRK's own software.
 """
 
 from __future__ import annotations
@@ -31,6 +32,10 @@ def main(words: Sequence[str] | None = None) -> int:
         from benchmarks.attack.__main__ import main as attack
 
         return attack(words[1:])
+    if words[:1] == ["genuine"]:
+        from benchmarks.genuine.__main__ import main as genuine
+
+        return genuine(words[1:])
     if words[:1] == ["against"]:
         from benchmarks.against import main as against
 

@@ -1,0 +1,1 @@
+"""Hold the simulation to recorded answers of the dVRK's own software."""

@@ -1,0 +1,53 @@
+"""The plans that were recorded on the dVRK's own software."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from benchmarks.genuine import arms, psm, teleoperation
+from benchmarks.genuine.steps import Parts
+from benchmarks.genuine.walks import WALKS
+
+#: Topics of a PSM beside those of every arm.
+JAW = {"jaw/setpoint_js": "sensor_msgs/JointState"}
+PSM1 = "system-PSM1_Classic_KIN_SIMULATED.json"
+#: Topics of a master beside those of every arm.
+MASTER = {"orientation_locked": "std_msgs/Bool", "gripper/closed": "std_msgs/Bool"}
+#: Seeds of walks that were recorded.
+FULL = "system-full-system-simulated.json"
+SEEDS = tuple(str(seed) for seed in range(6))
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A plan and the robot that it is for.
+
+    Attributes:
+        arm: name of the arm whose answers are recorded
+        rig: of the simulation; empty: kinematics alone are in trocar, and a test compares them
+        system: configuration file of the dVRK's own software
+        parts: steps by the name of their part
+        more: {topic: type} recorded beside those of every arm
+        usual: the parts that are run unless others are named; empty: all
+    """
+
+    arm: str
+    rig: str
+    system: str
+    parts: Parts
+    more: dict[str, str] = field(default_factory=dict)
+    usual: tuple[str, ...] = ()
+
+
+PLANS = {
+    "psm": Plan("PSM1", "psm", PSM1, psm.PARTS, JAW),
+    "mtm": Plan("MTMR", "mtm", "system-MTMR_Classic_KIN_SIMULATED.json", arms.MTM, MASTER),
+    "ecm": Plan("ECM", "ecm", "system-ECM_Classic_KIN_SIMULATED.json", arms.ECM),
+    "psm-si": Plan("PSM1", "", "system-PSM1_Si_KIN_SIMULATED.json", arms.KINEMATICS),
+    "suj": Plan("SUJ/PSM1", "full_cart_mtm", FULL, arms.SUJ),
+    "teleoperation": Plan("PSM1", "full_cart_mtm", FULL, teleoperation.PARTS, teleoperation.TOPICS),
+    **{
+        name: Plan("PSM1", "psm", PSM1, parts, JAW, SEEDS[: 4 if name == "walk-states" else 6])
+        for name, parts in WALKS.items()
+    },
+}

@@ -175,6 +175,7 @@ def test_the_table_misses_nothing_that_the_dvrk_has(table: dict[str, Topic]) -> 
 #: rospy's own, of every node.
 BY_ROSPY = {("rosout", "rosgraph_msgs/Log", "pub")}
 
+
 def genuine() -> set[tuple[str, str, str]]:
     """Return what the dVRK's own software lists: (name, type, direction)."""
     found: set[tuple[str, str, str]] = set()

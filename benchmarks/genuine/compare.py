@@ -24,6 +24,7 @@ INTERRUPTED = frozenset((
 ))  # fmt: skip
 SETPOINTS = ("setpoint_js", "jaw/setpoint_js")
 HANG = "a move while the arm is not homed: the robot stays busy for ever, ours refuses"
+RESUME = "pause twice, then resume: ours is ENABLED; the robot stays PAUSED until disabled"
 OUTCOME = ("operating_state", "desired_state", "goal_reached", "status")
 Verdict = Literal["same", "purpose", "differs", "follows"]
 
@@ -56,7 +57,7 @@ def compared(
         purpose: {step: reason} of intended differences
     """
     rows = []
-    hanging = False
+    hanging = stuck = False
     other = dict(zip(_keys(got), got["steps"], strict=True))
     state: list[Any] = [None, None]
     ends: list[dict[str, Any]] = [{}, {}]
@@ -82,7 +83,7 @@ def compared(
         if seen[0]["state"] is None:  # not reported yet
             seen[0]["state"] = seen[1]["state"]
         interrupted = key[0] in INTERRUPTED or (
-            walk and seen[0]["goals"][-1:] == seen[1]["goals"][-1:] == [False]
+            walk and False in seen[0]["goals"] and False in seen[1]["goals"]
         )
         found = [
             f"{k}: {a[k]} here {b.get(k)}"
@@ -100,9 +101,12 @@ def compared(
             for k in seen[0]
             if seen[0][k] != seen[1][k] and not (k == "warning" and seen[1][k])
         ]  # a warning more is no fault
+        stuck = _paused(state[0]) and not _paused(state[1]) and (stuck or "resume" in key[0])
         hung = hangs(seen[0]["state"], seen[1]["state"])
         if found and (hung or hanging) and _only_hang(seen[0], seen[1], found):
             rows.append(Row(key[0], tuple(found), "purpose", HANG))
+        elif found and stuck:
+            rows.append(Row(key[0], tuple(found), "purpose", RESUME))
         else:
             rows.append(_row(key[0], found, purpose, follows and not hanging))
         hanging = hung
@@ -122,6 +126,10 @@ def hangs(robot: Any, ours: Any) -> bool:
     """Return whether the robot is busy for ever where the simulation refused a move."""
     a, b = (" ".join(each) if isinstance(each, list) else str(each) for each in (robot, ours))
     return "busy=1" in a and a.replace("busy=1", "busy=0") == b
+
+
+def _paused(state: Any) -> bool:
+    return (" ".join(state) if isinstance(state, list) else str(state)).startswith("PAUSED")
 
 
 def _only_hang(robot: Mapping[str, Any], ours: Mapping[str, Any], found: Sequence[str]) -> bool:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from benchmarks.genuine.compare import HANG
+from benchmarks.genuine.compare import HANG, RESUME
 
 NAN = "NaN: ours is rejected; the robot's set-points become NaN, and it disables"
 EFFORT = "efforts: the arm moves by its dynamics; the robot's simulation has none"
-RESUME = "pause twice, then resume: ours is ENABLED; the robot stays PAUSED until disabled"
 HOMED = "a new simulation: ours is enabled and homed; the robot's software starts DISABLED"
 TWICE = "two servo_jr at once: both count; the robot may lose one"
 MASTER = "teleoperation: a simulated master yields to its load; the robot's simulation has none"
@@ -15,7 +14,7 @@ BRAKES = "setup joints: brakes and links yield by a millimetre; the robot's simu
 #: {plan: {step or fact: reason}}. A reason is a row of docs/as-on-the-robot.md.
 PURPOSE: dict[str, dict[str, str]] = {
     "psm": {
-        "A32 resume": RESUME, "A32 move_jp": RESUME, "A32 fix": RESUME,
+        "A32 fix": RESUME,
         "D5 servo_jr 0.05 twice quickly": TWICE,
         "F2 servo_jf zero": EFFORT, "F6 hold": EFFORT,
         "N1 servo_jp NaN": NAN, "N2 move_jp home": NAN, "N3 move_jp NaN": NAN,
@@ -41,4 +40,4 @@ PURPOSE: dict[str, dict[str, str]] = {
     },
 }  # fmt: skip
 #: Reasons that the comparison finds by a rule.
-RULES = (HANG,)
+RULES = (HANG, RESUME)

@@ -9,12 +9,18 @@ EFFORT = "efforts: the arm moves by its dynamics; the robot's simulation has non
 HOMED = "a new simulation: ours is enabled and homed; the robot's software starts DISABLED"
 TWICE = "two servo_jr at once: both count; the robot may lose one"
 MASTER = "teleoperation: a simulated master yields to its load; the robot's simulation has none"
+CANNULA = "a wrist in the cannula: Cartesian moves are refused; the robot takes one after a move_jp"
+GRAVITY = "gravity compensation: an arm has it; the robot's simulation warns that none is loaded"
+TOOL = "no instrument: an arm has three joints; the robot's set-points keep those of the instrument"
 BRAKES = "setup joints: brakes and links yield by a millimetre; the robot's simulation has no load"
 
 #: {plan: {step or fact: reason}}. A reason is a row of docs/as-on-the-robot.md.
 PURPOSE: dict[str, dict[str, str]] = {
     "psm": {
         "A32 fix": RESUME,
+        "C20 move_cp there, 5 cm deeper": CANNULA, "F8 use_gravity_compensation": GRAVITY,
+        "T4 emulate_tool_present false": TOOL, "T5 move_cp without tool": TOOL,
+        "T5 move_jp without tool": TOOL,
         "D5 servo_jr 0.05 twice quickly": TWICE,
         "F2 servo_jf zero": EFFORT, "F6 hold": EFFORT,
         "N1 servo_jp NaN": NAN, "N2 move_jp home": NAN, "N3 move_jp NaN": NAN,

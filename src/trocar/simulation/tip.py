@@ -293,7 +293,7 @@ class Tip:
             return None
         try:
             q, exact = self._robot_solution(local, control.setpoints(self.own))
-        except UnreachableError as problem:
+        except (UnreachableError, InputError) as problem:  # none, or an arm without its tool
             control.rejections.reject(verb, "pose", str(problem), "error")
             return None
         inside = np.minimum(np.maximum(q, control.lower[self.own]), control.upper[self.own])

@@ -209,14 +209,14 @@ def _joint_verb(verb: str) -> Reader:
 
 
 def _goal(message: Message, names: Sequence[str], part: str = "") -> NotedVerb:
-    """Read move_jp; with too few numbers nothing moves, and the goal is reached.
+    """Read move_jp; with too few numbers the goal is that of the last move, as on the robot.
 
-    Source: recorded answers of the dVRK's software, move_jp with 0 and 5 values.
+    Source: SAW 9e535e6, mtsIntuitiveResearchKitArm.cpp:2132; recorded answers to 0 and 5 values.
     """
     got, count = len(vector(message, "position")), len(names)
     if got < count:
         note = f"got {got} numbers in position; allowed: {count}, for {', '.join(names)}"
-        return f"{part}move_jr", {"dq": np.zeros(count)}, f"{note}; nothing moves"
+        return "move_again", {}, f"{note}; the goal of the last move stays"
     return f"{part}move_jp", {"q": joints(message, "position", names)}
 
 

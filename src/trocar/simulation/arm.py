@@ -54,6 +54,7 @@ VERBS: Mapping[str, str] = {
             "use_gravity_compensation",
             "use_computed_torque",
             "use_strict_limits",
+            "move_again",
             "set_trajectory_ratio",
         )
     },
@@ -442,6 +443,7 @@ MOVED: dict[str, str] = {
             "strict_limits",
             "use_strict_limits",
             "trajectory_ratio",
+            "move_again",
             "set_trajectory_ratio",
         )
     },

@@ -490,7 +490,8 @@ class JointControl:
     # ------------------------------------------------------------------ inside
 
     def _over(self, reached: bool) -> None:
-        self.report("goal_reached", reached=reached)
+        if self.motors.arm.type != "SUJ":  # SAW: setup joints have no such event
+            self.report("goal_reached", reached=reached)
 
     def _add_jaw(self, part: slice) -> None:
         """Add the jaw's set-point to the goal of its last move, as the robot does in move_jr.

@@ -13,6 +13,7 @@ from trocar.simulation.control import LARGEST
 from trocar.simulation.health import arm_health
 from trocar.simulation.journal import command, command_as
 from trocar.simulation.motors import MODES
+from trocar.simulation.moves import Motion
 from trocar.simulation.records import ArmHealth, Mode
 from trocar.simulation.runtime import ArmRuntime
 
@@ -231,6 +232,13 @@ class ArmJoints:
         """Ratios of the velocity and acceleration limits that moves keep to, in ]0, 1]."""
         moves = self._arm.control.moves
         return moves.velocity_ratio, moves.acceleration_ratio
+
+    @command
+    def move_again(self) -> Motion:
+        """Move to the goal of the last move, with the jaw: the robot's answer to one without."""
+        run = self._arm
+        part = run.control.moves.joints
+        return run.begun(run.control.move(run.control.moves.target[part], part, "move_again"))
 
     @command
     def set_trajectory_ratio(self, ratio: float, of: Share = "both") -> None:

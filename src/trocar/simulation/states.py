@@ -284,7 +284,8 @@ class ArmStateMachine:
     def _report_desired(self, state: Desired) -> None:
         """Enter the desired state into the journal, and the operating state where it changed."""
         self._states.desired = state
-        self._control.report("desired_state", state=state)
+        if not self._of_setup_joints:
+            self._control.report("desired_state", state=state)
         self.report()
 
     def _slides(self) -> NDArray[np.bool_]:

@@ -34,7 +34,7 @@ def test_a_defect_is_found_wherever_it_is(target: Target, where: str, monkeypatc
     if where == "decoding":
         monkeypatch.setattr(target.core.loop, "post", broken)
     elif where == "applying":
-        monkeypatch.setattr(target.world.arm("PSM1").runtime.states, "enable", broken)
+        monkeypatch.setattr(target.world.arm("PSM1").runtime.states, "stop", broken)
     else:
         monkeypatch.setattr(target.world, "step", broken)
     (failure,) = failures(target)

@@ -28,7 +28,7 @@ OTHER = {
 STEPS = {
     ("DISABLED", "ENABLED"), ("ENABLED", "DISABLED"), ("ENABLED", "PAUSED"),
     ("PAUSED", "ENABLED"), ("PAUSED", "DISABLED"), ("ENABLED", "FAULT"),
-    ("FAULT", "ENABLED"), ("FAULT", "DISABLED"),
+    ("FAULT", "DISABLED"),
 }  # fmt: skip
 POWERED = {"ENABLED", "PAUSED"}
 asked = st.lists(
@@ -70,10 +70,8 @@ def test_states_follow_from_each_other_and_nothing_moves_in_between(commands, ho
     assert stamps == sorted(set(stamps))
     for last, m in pairwise(told):
         assert last["state"] == m["state"] or (last["state"], m["state"]) in STEPS
-        if m["is_homed"] and not last["is_homed"]:
-            assert last["is_busy"], "nothing but a homing makes an arm homed"
-        if m["state"] != "ENABLED" and m["state"] == last["state"]:
-            assert not m["is_homed"] or last["is_homed"]
+        if m["state"] == "ENABLED" and m["is_homed"] and not last["is_homed"]:
+            assert m["is_busy"] or last["state"] == "PAUSED", "a homing makes an arm homed"
     assert not told[-1]["is_busy"], "what is asked for ends"
     assert served.loop.held == frozenset()
 

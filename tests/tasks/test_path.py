@@ -8,9 +8,9 @@ from tests.calls import calls_of, changes_of_file
 from trocar.tasks import make_task
 
 #: Python calls of 20 ms, files, and changes of file from call to call: in all, and in `tasks`.
-#: Source: measured on needle-pick, CPython 3.11: 120, 24, 76, and 15, 3. The simulation's part
+#: Source: measured on needle-pick, CPython 3.11: 108, 26, 72, and 15, 3. The simulation's part
 #: (positions, inverse kinematics, two rows of set-points, two steps, one reading) is the rest.
-MOST_CALLS, MOST_FILES, MOST_CHANGES = 124, 25, 78
+MOST_CALLS, MOST_FILES, MOST_CHANGES = 112, 26, 74
 MOST_OWN_CALLS, MOST_OWN_FILES = 16, 3
 #: Python calls of a second `make_task`, two thirds of which read the scene. Source: measured: 4,867
 #: and 7,587; 5,595 and 14,726 when every pair of shapes was looked at for softness in two calls.

@@ -212,7 +212,7 @@ class Sampler:
             self._append(before, "status", {"data": f"desired state {fields['data']}"})
 
     def _append_phase(self, before: str, arm: Arm) -> None:
-        """Say which state an arm is in, as the dVRK's status messages name it, where it changed.
+        """Report a new state of an arm by the name that the dVRK's status messages have for it.
 
         Source: SAW 9e535e6, mtsIntuitiveResearchKitArm.cpp:1168, and recorded answers.
         """

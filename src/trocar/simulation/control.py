@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
@@ -227,6 +227,8 @@ class JointControl:
         self.states = before.states if before else States()
         self.strict_limits = before.strict_limits if before else False
         self.rejections = before.rejections if before else Rejections(name, clock)
+        #: Called when a trajectory has ended.
+        self.ended: Callable[[], None] = lambda: None
         if before:
             self.moves.velocity_ratio = before.moves.velocity_ratio
             self.moves.acceleration_ratio = before.moves.acceleration_ratio
@@ -298,8 +300,7 @@ class JointControl:
             not (moves.profile or moves.drift or self.switched or self.restored)
             and not (m.brakes or m.welded or np.count_nonzero(m.modes[part]))
             and self.states.ready
-            and _fits(q, self._range[part])
-            and (v is None or _fits(v, self._speeds[part]))
+            and _fit(q, v, self._range[part], self._speeds[part])
         ):
             m.position[part] = q
             m.velocity[part] = 0.0 if v is None else v
@@ -492,6 +493,7 @@ class JointControl:
     def _over(self, reached: bool) -> None:
         if self.motors.arm.type != "SUJ":  # SAW: setup joints have no such event
             self.report("goal_reached", reached=reached)
+        self.ended()
 
     def _add_jaw(self, part: slice) -> None:
         """Add the jaw's set-point to the goal of its last move, as the robot does in move_jr.
@@ -594,14 +596,27 @@ class JointControl:
         return np.where(locked, setpoint, inside), ~locked
 
 
-def _fits(values: ArrayLike, limits: Sequence[tuple[float, float]]) -> bool:
+def _fit(
+    q: ArrayLike,
+    v: ArrayLike | None,
+    limits: Sequence[tuple[float, float]],
+    speeds: Sequence[tuple[float, float]],
+) -> bool:
     """Return whether there is one number inside the limits for each joint; quickly."""
     try:
-        found: Any = values.tolist() if isinstance(values, np.ndarray) else list(values)  # type: ignore[arg-type]
+        found: Any = q.tolist() if isinstance(q, np.ndarray) else list(q)  # type: ignore[arg-type]
         if len(found) != len(limits):
             return False
         for value, (low, high) in zip(found, limits):  # noqa: B905  as many, and often
             if type(value) is not float or not low <= value <= high:  # NaN is neither
+                return False
+        if v is None:
+            return True
+        found = v.tolist() if isinstance(v, np.ndarray) else list(v)  # type: ignore[arg-type]
+        if len(found) != len(limits):
+            return False
+        for value, (low, high) in zip(found, speeds):  # noqa: B905
+            if type(value) is not float or not low <= value <= high:
                 return False
     except TypeError:
         return False

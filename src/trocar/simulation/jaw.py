@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,8 +13,6 @@ from trocar.simulation.journal import Journal, command
 from trocar.simulation.moves import Motion
 from trocar.simulation.records import JointState
 from trocar.simulation.servos import EFFORT, POSITION
-
-R = TypeVar("R")
 
 
 class Jaw:
@@ -54,27 +51,30 @@ class Jaw:
     @command
     def servo_jp(self, q: ArrayLike, v: ArrayLike | None = None) -> bool:
         """Set the opening now, (1,) [rad]."""
-        return self._reported(self._control.servo(q, v, self._part, "jaw.servo_jp"))
+        control = self._joints
+        if control is None:
+            raise InputError(f"{self._source} has no jaw with this tool")
+        return control.servo(q, v, self._part, "jaw.servo_jp")
 
     @command
     def servo_jr(self, dq: ArrayLike) -> bool:
         """Add to the opening's set-point now, (1,) [rad]."""
-        return self._reported(self._control.servo_relative(dq, self._part, "jaw.servo_jr"))
+        return self._control.servo_relative(dq, self._part, "jaw.servo_jr")
 
     @command
     def servo_jf(self, effort: ArrayLike) -> bool:
         """Set the jaw's effort, (1,) [N m]; it persists until the next command."""
-        return self._reported(self._control.servo_effort(effort, self._part, "jaw.servo_jf"))
+        return self._control.servo_effort(effort, self._part, "jaw.servo_jf")
 
     @command
     def move_jp(self, q: ArrayLike) -> Motion:
         """Move the opening to a goal, (1,) [rad]."""
-        return self._reported(self._control.move(q, self._part, "jaw.move_jp"))
+        return self._begun(self._control.move(q, self._part, "jaw.move_jp"))
 
     @command
     def move_jr(self, dq: ArrayLike) -> Motion:
         """Move on from the opening's goal or set-point, (1,) [rad]."""
-        return self._reported(self._control.move_relative(dq, self._part, "jaw.move_jr"))
+        return self._begun(self._control.move_relative(dq, self._part, "jaw.move_jr"))
 
     @command
     def close(self) -> Motion:
@@ -92,10 +92,10 @@ class Jaw:
             raise InputError(f"{self._source} has no jaw with this tool")
         return self._joints
 
-    def _reported(self, answer: R) -> R:
-        """Report the arm's state, which the jaw's moves are part of; return the answer."""
+    def _begun(self, motion: Motion) -> Motion:
+        """Report the arm's state, which the jaw's moves are part of; return the move."""
         self._report_state()
-        return answer
+        return motion
 
 
 #: A gripper counts as closed below this opening. Source: our own choice; the dVRK's default is 0

@@ -90,7 +90,10 @@ class Journal:
     def command(self, source: str, name: str, values: dict[str, object]) -> None:
         """Enter a command, and keep it."""
         for key, value in values.items():
-            if type(value) not in PLAIN:
+            kind = type(value)
+            if kind is np.ndarray:
+                values[key] = value.copy()  # type: ignore[attr-defined]
+            elif kind not in PLAIN:
                 values[key] = _copied(value)
         if not self.past.incomplete:
             self.past.keep(self.period, self.time, source, name, values)

@@ -81,19 +81,20 @@ class States:
         desired: where the last accepted command or a fault leads, as `desired_state` has it
         known: whether positions are known: since a homing, until `unhome`
         homed: whether the arm is homed, as it is published
+        ready: whether motion commands are accepted
         resumes: phase and desired state that `resume` returns to
     """
 
     def __init__(self) -> None:
         self.phase: Phase = "DISABLED"
         self.desired: Desired = "DISABLED"
-        self.known = self.homed = False
+        self.known = self.homed = self.ready = False
         self.resumes: tuple[Phase, Desired] = "DISABLED", "DISABLED"
 
     def begin(self, ready: bool) -> None:
         """Start anew: enabled and homed, or as the hardware does after power-on."""
         self.phase, self.desired = ("HOMED", "HOMED") if ready else ("DISABLED", "DISABLED")
-        self.known = self.homed = ready
+        self.known = self.homed = self.ready = ready
         self.resumes = self.phase, self.desired
 
     @property
@@ -106,10 +107,9 @@ class States:
         """Whether the motors have power."""
         return self.phase not in ("DISABLED", "FAULT")
 
-    @property
-    def ready(self) -> bool:
-        """Whether motion commands are accepted."""
-        return self.phase == "HOMED" and self.known
+    def forget(self) -> None:
+        """Make positions unknown, and the arm not homed."""
+        self.known = self.homed = self.ready = False
 
     def why_not_ready(self) -> str:
         """Return the reason to reject motion commands, "" without one."""
@@ -140,6 +140,7 @@ class States:
         self.phase = phase
         self.known |= known
         self.homed = self.known and not off
+        self.ready = phase == "HOMED" and self.known
 
 
 #: Tolerances of measured positions. Source: mtsIntuitiveResearchKitPSM.cpp (3 degrees); our own

@@ -15,7 +15,7 @@ from trocar.simulation.jaw import Gripper, Jaw
 from trocar.simulation.journal import command
 from trocar.simulation.motors import Motors
 from trocar.simulation.moves import Motion
-from trocar.simulation.operating_state import Desired, Phase, State
+from trocar.simulation.operating_state import STATE, Desired, Phase, State
 from trocar.simulation.records import ArmSample, ArmSnapshot, ArmStatus
 from trocar.simulation.servos import EFFORT
 from trocar.simulation.states import ArmStateMachine, HomingState
@@ -126,12 +126,12 @@ class ArmRuntime:
             forces = self.forces
             if forces.controllers or forces.orientation is not None or forces.expiry is not None:
                 forces.end()
-            self.states.report()
         return accepted
 
     def begun(self, motion: Motion) -> Motion:
         """End controllers after a move that was accepted; return the move."""
         self.ended(not motion.done)
+        self.states.report()
         return motion
 
     # ------------------------------------------------------------------ time
@@ -213,6 +213,7 @@ class ArmRuntime:
         states = self.control.states
         states.phase, states.desired, states.resumes = saved.phase, saved.desired, saved.resumes
         states.known, states.homed = saved.known, saved.homed
+        states.ready = saved.phase == "HOMED" and saved.known
         motions = self.control.load(saved.control)
         self.forces.load(
             ForceState(saved.laws, saved.lock, saved.absolute, saved.push, saved.expiry)
@@ -269,7 +270,7 @@ class ArmRuntime:
             remote_centre,
             control.rejections.count,
             control.rejections.last,
-            states.state,
+            STATE[states.phase],
             states.homed,
             self.description.tool,
         )
@@ -282,7 +283,7 @@ class ArmRuntime:
             self._status_revision = revision
             self._status = ArmStatus(
                 not motors.welded and motors.gravity_compensated,
-                states.state,
+                STATE[states.phase],
                 states.homed,
                 self.states.busy,
                 states.phase,

@@ -227,27 +227,24 @@ class Servos:
         self._motors.limit(effort, qd)
         return found
 
-    def tracked(self) -> Array:
-        """Return the positions that tracking errors are of, (J,) [rad or m]."""
-        q = self.table.drive.dot(self._data.qpos)
-        if self.errors is not None:
-            q += self.errors.error
-        return q
+    def beyond(self, q: Array | None = None) -> tuple[Array, Array | None]:
+        """Return positions and the tracking errors of actuators beyond what is allowed.
 
-    def beyond(self, q: Array) -> Array | None:
-        """Return the tracking errors of actuators beyond what is allowed.
-
-        0 for all others, (J,) [rad or m]; None if no actuator is.
+        (J,) each [rad or m]; errors are 0 for all others, None if no actuator is beyond.
 
         Args:
-            q: as `tracked` returned it
+            q: positions instead of those measured now, as this returned them
         """
         if self._read_revision != self.revision:
             self.matrix()
+        if q is None:
+            q = self.table.drive.dot(self._data.qpos)
+            if self.errors is not None:
+                q += self.errors.error
         error = np.abs(self._actuators.dot(q - self._position))
         beyond = error > self.table.tolerance
         some = np.count_nonzero(beyond)  # any() takes 1 us
-        return np.where(beyond, error, 0.0) if some else None
+        return q, np.where(beyond, error, 0.0) if some else None
 
     # ------------------------------------------------------------------ write
 

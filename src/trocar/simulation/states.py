@@ -12,6 +12,7 @@ from trocar.simulation.forces import ForceControl
 from trocar.simulation.journal import command
 from trocar.simulation.moves import Motion
 from trocar.simulation.operating_state import (
+    STATE,
     STATE_COMMANDS,
     Desired,
     Homing,
@@ -48,6 +49,7 @@ class ArmStateMachine:
     def fit(self, control: JointControl, poses: dict[str, Array]) -> None:
         """Set the joints of the mounted tool, and the arm's named poses {name: q (n,)}."""
         self._control, self._poses, self._states = control, poses, control.states
+        control.ended = self.report
         self._own = slice(0, control.motors.arm.own_joints)
 
     # ------------------------------------------------------------------ verbs
@@ -160,7 +162,7 @@ class ArmStateMachine:
 
         On its way home an arm is in FAULT then, as the robot.
         """
-        self._states.known = self._states.homed = False
+        self._states.forget()
         if self._states.phase == "HOMING":
             self.fault("unhomed on its way home")
         self.report()
@@ -176,12 +178,14 @@ class ArmStateMachine:
     def operating_state(self) -> OperatingState:
         """Return the state as CRTK has it."""
         now = self._states
-        return OperatingState(now.state, now.homed, self.busy, self._clock.time, now.phase)
+        busy = self._control.moves.profile is not None or self.homing is not None
+        return OperatingState(STATE[now.phase], now.homed, busy, self._clock.time, now.phase)
 
     def report(self) -> None:
         """Enter the operating state into the journal, when it changed."""
         states = self._states
-        now = states.state, states.homed, self.busy
+        busy = self._control.moves.profile is not None or self.homing is not None
+        now = STATE[states.phase], states.homed, busy
         if now != self.reported:
             self.reported = now
             self._control.report("operating_state", state=now[0], is_homed=now[1], is_busy=now[2])
@@ -217,7 +221,7 @@ class ArmStateMachine:
         homing, self.homing = self.homing, None
         if homing is not None:
             homing.motion.finish(False)
-            self._states.phase = "ENABLED"
+            self._states.enter("ENABLED")
 
     def watch(self) -> None:
         """Look whether a homing under way has ended, and how."""

@@ -46,11 +46,11 @@ class Tracking(Part):
     def before_step(self) -> None:
         """Look at tracking errors, of a step of set-points from where joints were before it."""
         servos, before = self._servos, self._before
-        q, setpoint = servos.tracked(), servos.setpoint[:, 0].copy()
+        q, beyond = servos.beyond()
+        setpoint = servos.setpoint[:, 0].copy()
         self._before = q, setpoint
-        beyond = servos.beyond(q)
         if beyond is None and before and abs(setpoint - before[1]).max() > STEP:
-            beyond = servos.beyond(before[0])
+            _, beyond = servos.beyond(before[0])
         if beyond is None:
             return
         for arm in self._physics.arms.values():

@@ -336,7 +336,7 @@ THRESHOLDS = {
 
 
 @pytest.mark.parametrize("joint", THRESHOLDS)
-@pytest.mark.parametrize("phase", [0, 4, 9])
+@pytest.mark.parametrize("phase", [0, 7, 13, 19])
 def test_a_step_of_a_set_point_is_a_fault_from_where_it_is_on_the_robot(joint, phase):
     """Whenever it comes between two looks at tracking errors."""
     world = World("psm")

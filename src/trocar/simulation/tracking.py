@@ -10,10 +10,11 @@ from trocar.simulation.parts import Attached, Part, steps_in
 Array = NDArray[np.float64]
 
 #: Tracking errors are looked at this often. Source: our own choice. [s]
-PERIOD_S = 0.01
-#: Set-points that moved farther since the last look made a step, whose error is largest at its
-#: beginning. Source: our own choice; no joint goes so far at its largest speed. [rad or m]
-STEP = 0.045
+PERIOD_S = 0.02
+#: Set-points that moved farther since the last look may have made a step, whose error is largest at
+#: its beginning. Source: our own choice; in this time the fastest joint moves by 0.1 rad, far less
+#: than its tolerance. [rad or m]
+STEP = 0.015
 
 
 class Tracking(Part):

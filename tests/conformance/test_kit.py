@@ -24,14 +24,6 @@ from trocar.conformance import (
 from trocar.errors import InputError, UnknownNameError
 from trocar.outputs import document
 
-#: Differences of ours that are known, and no fault of the kit.
-PENDING = {
-    "events are offered as latched (ROS 2: TRANSIENT_LOCAL)",
-    "goal_reached of the last move comes at once",
-    "inverse_kinematics is the inverse of local/forward_kinematics",
-    "local/measured_cv adds up to the way of local/measured_cp, in axes of the tool",
-}
-
 
 def run(client: ServedClient, arm: str = "PSM1", **settings: object) -> ConformanceReport:
     how = ConformanceSettings(seconds=1.0, **settings)
@@ -41,7 +33,7 @@ def run(client: ServedClient, arm: str = "PSM1", **settings: object) -> Conforma
 
 
 def failed(report: ConformanceReport) -> set[str]:
-    return {result.name for result in report.having("fail")} - PENDING
+    return {result.name for result in report.having("fail")}
 
 
 @pytest.mark.parametrize(("rig", "arm"), [("psm", "PSM1"), ("ecm", "ECM"), ("mtm", "MTMR")])

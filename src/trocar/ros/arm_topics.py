@@ -360,7 +360,7 @@ def _endoscope(message: Message, arm: ArmDescription) -> Verb:  # noqa: ARG001
 # ---------------------------------------------------------------------- the rows
 
 EVERY = (
-    latched("operating_state", STATE, "state, is_homed, is_busy; again every second"),
+    latched("operating_state", STATE, "state, is_homed, is_busy"),
     latched("desired_state", STRING, "the last commanded state",
             first=lambda arm: {"data": arm.desired}),
     latched("goal_reached", BOOL, "whether a move reached its goal"),

@@ -23,9 +23,6 @@ _log = logging.getLogger("trocar")
 
 #: Source: dVRK 2.4, system_ROS: tf every 20 ms. [Hz]
 TF_RATE_HZ = 50.0
-#: Operating states are published again this often, for late subscribers. Source: our own choice.
-#: [Hz]
-REPEAT_RATE_HZ = 1.0
 
 Out = list[tuple[Topic, Message]]
 
@@ -62,7 +59,7 @@ class Publishing:
         self._lock = threading.Lock()
         self._newest: Sample | None = None
         self._now, self._watches, self._made_s = now, Stopwatches(), 0.0
-        self._tf, self._repeat = Beat(TF_RATE_HZ), Beat(REPEAT_RATE_HZ)
+        self._tf = Beat(TF_RATE_HZ)
         self._summary = Beat(STATISTICS_RATE_HZ)
         self._before: frozenset[str] = frozenset()
         self._contents: dict[str, list[tuple[Topic, Content]]] = {}
@@ -128,11 +125,10 @@ class Publishing:
         out: Out = []
         for event in sample.events:
             self._add(out, event, sample.stamp)
-        again = self._repeat.due(sample.elapsed)
         for name, sampled in sample.arms.items():
             before, arm = self._prefixes[name], sampled.status
             now = arm.state, arm.homed, arm.busy
-            if again or self._states.get(before) != now:
+            if self._states.get(before) != now:
                 fields: Message = {"state": arm.state, "is_homed": arm.homed, "is_busy": arm.busy}
                 self._add(out, Event(f"{before}/operating_state", fields), sample.stamp)
             if self._statuses.get(name) is arm:

@@ -88,7 +88,7 @@ class arm:  # noqa: N801  as scripts call it
         self._gravity(gravity_compensation)
 
     def trajectory_j_set_ratio(self, ratio: float) -> None:
-        """Slow down moves: a share of their velocities and accelerations, 0.002 to 1."""
+        """Slow down moves: a share of their velocities and accelerations, above 0, up to 1."""
         self._set_ratio(float(ratio))
 
     def trajectory_j_ratio(self) -> float:

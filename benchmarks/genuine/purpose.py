@@ -10,6 +10,7 @@ HOMED = "a new simulation: ours is enabled and homed; the robot's software start
 TWICE = "two servo_jr at once: both count; the robot may lose one"
 MASTER = "teleoperation: a simulated master yields to its load; the robot's simulation has none"
 CANNULA = "a wrist in the cannula: Cartesian moves are refused; the robot takes one after a move_jp"
+WRIST = "the cannula: Cartesian commands are refused there; the robot's search fails, then jumps"
 GRAVITY = "gravity compensation: an arm has it; the robot's simulation warns that none is loaded"
 TOOL = "no instrument: an arm has three joints; the robot's set-points keep those of the instrument"
 BRAKES = "setup joints: brakes and links yield by a millimetre; the robot's simulation has no load"
@@ -26,6 +27,8 @@ PURPOSE: dict[str, dict[str, str]] = {
         "N1 servo_jp NaN": NAN, "N2 move_jp home": NAN, "N3 move_jp NaN": NAN,
         "N4 disable": NAN, "N5 home": NAN,
     },
+    "walk-poses": {f"4.{k:02d} {word}": WRIST for k, word in enumerate(
+        ("back", "far", "back", "near"), 8)},
     "mtm": {
         "S0 disable": HOMED, "S1 move_jp while DISABLED": HOMED, "S2 home while DISABLED": HOMED,
         "S3 pause while DISABLED": HOMED, "G2 body/servo_cf 0": EFFORT,

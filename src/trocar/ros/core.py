@@ -341,7 +341,7 @@ class Core:
             return
         text = reason + suffix(unsaid)
         _log.warning("rejected%s: %s: %s", f" from {peer}" if peer else "", name[:80], text)
-        before = self.prefixes.get(topic.arm, "system") if topic else "system"
+        before = self._warner(topic) if topic else "system"
         self.emit(f"{before}/warning", {"data": f"{topic.key if topic else name[:80]}: {text}"})
 
     def forget_refusals(self) -> None:
@@ -394,8 +394,14 @@ class Core:
         if self._noted.due((command.topic, peer), self.loop.now) is not None:
             _log.warning("%s from %s: %s", command.topic, peer or "the simulator", command.note)
             topic = self.topics[command.topic]
-            before = self.prefixes.get(topic.arm, "system")
-            self.emit(f"{before}/warning", {"data": f"{topic.key}: {command.note}"})
+            warning = f"{self._warner(topic)}/warning"
+            self.emit(warning, {"data": f"{topic.key}: {command.note}"})
+
+    def _warner(self, topic: Topic) -> str:
+        """Return the prefix of an arm's or a component's warnings, "system" of other topics."""
+        component = topic.name.partition("/")[0]
+        own = component if f"{component}/warning" in self.topics else "system"
+        return self.prefixes.get(topic.arm, own)
 
     def _share(self, arm: str, peer: str, others: Sequence[str]) -> None:
         """Report that several clients command an arm.

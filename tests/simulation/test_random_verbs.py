@@ -43,7 +43,7 @@ def pose(rng: np.random.Generator, arm: Arm) -> object:
 
 
 #: These read the set-points anew from what is measured.
-READ_ANEW = {"enable", "disable", "home", "unhome", "state_command", "set_mode"}
+READ_ANEW = {"enable", "disable", "home", "unhome", "pause", "state_command", "set_mode"}
 VERBS = {
     "enable": lambda a, _: a.enable(),
     "disable": lambda a, _: a.disable(),

@@ -327,7 +327,7 @@ class Ros1Transport:
             latch=topic.latched,
             queue_size=topic.depth,
         )
-        self._sent[topic.name] = 0
+        self._sent[topic.name] = 1
         if topic.rate not in ("event", "camera"):
             publisher.impl.set_queue_size(None)
         last = self._core.latched(topic.name)
@@ -362,7 +362,7 @@ class Ros1Transport:
             if to is None:
                 self._sent[topic.name] = number + 1
             else:  # the others shall not miss one
-                number = max(number - 1, 0)
+                number -= 1
             made, impl = publisher.data_class(data, number), publisher.impl
             if topic.latched or impl.queue_size is not None:
                 publisher.publish(made)

@@ -20,6 +20,7 @@ SAME_FACT = 2e-4
 SAME_INTERRUPTED = 0.35
 INTERRUPTED = frozenset((
     "A26 disable during a move", "A28 pause during a move", "B5 servo_jp in a move",
+    "B6 hold in a move",
     "E12 servo_jp in a jaw move",
 ))  # fmt: skip
 SETPOINTS = ("setpoint_js", "jaw/setpoint_js")

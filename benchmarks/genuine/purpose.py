@@ -10,6 +10,7 @@ HOMED = "a new simulation: ours is enabled and homed; the robot's software start
 TWICE = "two servo_jr at once: both count; the robot may lose one"
 MASTER = "teleoperation: a simulated master yields to its load; the robot's simulation has none"
 CANNULA = "a wrist in the cannula: Cartesian moves are refused; the robot takes one after a move_jp"
+UNSET = "move_jr during a move: the jaw's goal stays; the robot adds a number that it never set"
 WRIST = "the cannula: Cartesian commands are refused there; the robot's search fails, then jumps"
 GRAVITY = "gravity compensation: an arm has it; the robot's simulation warns that none is loaded"
 TOOL = "no instrument: an arm has three joints; the robot's set-points keep those of the instrument"
@@ -27,6 +28,7 @@ PURPOSE: dict[str, dict[str, str]] = {
         "N1 servo_jp NaN": NAN, "N2 move_jp home": NAN, "N3 move_jp NaN": NAN,
         "N4 disable": NAN, "N5 home": NAN,
     },
+    "walk-moves": {"3.06 jaw/servo_jp jaw/move_jp move_jr": UNSET},
     "walk-poses": {f"4.{k:02d} {word}": WRIST for k, word in enumerate(
         ("back", "far", "back", "near"), 8)},
     "mtm": {

@@ -22,11 +22,11 @@ PAGE = genuine.ROOT / "docs" / "as-on-the-robot.md"
 
 #: Steps and facts that are as the robot's, or differ on purpose. A change may raise these.
 REACHED = {
-    "psm": 272, "mtm": 42, "ecm": 31, "suj": 6, "teleoperation": 24,
-    "walk-states": 127, "walk-moves": 58, "walk-poses": 52,
+    "psm": 365, "mtm": 58, "ecm": 45, "suj": 15, "teleoperation": 28,
+    "walk-states": 332, "walk-moves": 84, "walk-poses": 90,
 }  # fmt: skip
 #: The same for part A alone, the states.
-STATES_REACHED = 27
+STATES_REACHED = 56
 
 
 def step(name: str, *events: tuple[str, Any], **setpoints: list[float]) -> dict[str, Any]:

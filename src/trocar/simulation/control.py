@@ -30,8 +30,8 @@ BRAKE_SLACK = 1e-4
 #: and gain of the robots, and far below what arithmetic cannot hold.
 LARGEST = 1e6
 
-#: Time between two warnings of a streamed command of a kind. Source: our own choice; the robot warns
-#: of commands of any kind each 2 s, SAW mtsIntuitiveResearchKitArm.cpp:1679. [s]
+#: Time between two warnings of a streamed command of a kind. Source: our own choice; the robot
+#: warns of commands of any kind each 2 s, SAW mtsIntuitiveResearchKitArm.cpp:1679. [s]
 WARNING_PERIOD_S = 1.0
 
 log = logging.getLogger("trocar")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import closing
+from typing import Any
 
 import pytest
 
@@ -25,7 +26,7 @@ from trocar.errors import InputError, UnknownNameError
 from trocar.outputs import document
 
 
-def run(client: ServedClient, arm: str = "PSM1", **settings: object) -> ConformanceReport:
+def run(client: ServedClient, arm: str = "PSM1", **settings: Any) -> ConformanceReport:
     how = ConformanceSettings(seconds=1.0, **settings)
     with closing(client):
         client.start()

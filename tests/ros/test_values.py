@@ -125,6 +125,7 @@ def test_jaws_and_grippers_have_their_own_topics(rng: np.random.Generator) -> No
                 continue
             close(message["velocity"], state.velocity)
             close(message["effort"], state.effort, EFFORTS)
+            assert arm.jaw is not None
             setpoint, state = served.last(f"{name}/jaw/setpoint_js"), arm.jaw.setpoint_js()
             close(setpoint["position"], state.position)
             close(setpoint["effort"], state.effort, EFFORTS)

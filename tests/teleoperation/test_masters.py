@@ -239,6 +239,7 @@ def test_masters_alone_are_dragged_for_a_console_elsewhere() -> None:
     assert core.topics["console/teleop/enable"].later
     goal = loop.world.reference_pose("MTMR") @ loop.world.arm("MTMR").local.measured_cp().matrix
     goal[:3, 3] += [0.0, 0.02, 0.0]
+    assert driving.carry is not None
     driving.carry("MTMR", goal)
     for _ in range(600):
         loop.tick()

@@ -184,6 +184,14 @@ def test_a_free_arm_falls_without_gravity_compensation_and_floats_with_it(world,
     assert np.abs(arm.measured_js().position - start).max() < 0.01
 
 
+def test_a_world_may_begin_with_strict_limits_also_after_a_reset():
+    strict = World("psm", strict_limits=True)
+    one = strict.arm("PSM1")
+    for _ in range(2):
+        assert not one.servo_jp([9.0, 0, 0.12, 0, 0, 0])
+        strict.reset()
+
+
 def test_strict_limits_reject_what_else_is_clipped(world, arm):
     beyond = GOAL + np.array([5.0, 0, 0, 0, 0, 0])
     assert arm.servo_jp(np.clip(beyond, arm.joints.lower[:6], arm.joints.upper[:6])) in (True,)

@@ -55,6 +55,8 @@ def add_world(parser: ArgumentParser, rig: str | None = "full_cart", chosen: str
         --seed N:int = 0                    random seed of errors and sensors, another robot each
         --setup-joints braked|locked = braked  simulate setup joints with brakes, or weld them,
                                             which is faster
+        --strict                            reject targets beyond joint limits, which are clipped
+                                            with a warning else
         --timestep S:number = 0.001         physics step
     """)  # fmt: skip
     return group
@@ -86,6 +88,7 @@ def make_world(args: Namespace, tip_load_n: float = 0.0) -> World:
         calibration=args.calibration,
         errors=args.errors,
         seed=args.seed,
+        strict_limits=args.strict,
     )
     for arm, tool in args.tool:
         world.exchange_tool(arm, tool)

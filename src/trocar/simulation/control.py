@@ -66,6 +66,11 @@ class ArmWorld(Protocol):
         """Whether rejected commands warn or raise."""
         ...
 
+    @property
+    def strict_limits(self) -> bool:
+        """Whether arms begin with strict limits."""
+        ...
+
     def cameras(self) -> dict[str, CameraRecord]:
         """Return every camera of the rig, by name, with its present pose."""
         ...
@@ -229,7 +234,7 @@ class JointControl:
             self._over,
         )
         self.states = before.states if before else States()
-        self.strict_limits = before.strict_limits if before else False
+        self.strict_limits = before.strict_limits if before else clock.strict_limits
         self.rejections = before.rejections if before else Rejections(name, clock)
         #: Called when a trajectory has ended.
         self.ended: Callable[[], None] = lambda: None
@@ -241,7 +246,7 @@ class JointControl:
         """Forget what was set and is under way; motors are put back by the world."""
         self.moves.end(slice(0, len(self.joint_names)))
         self.moves.velocity_ratio = self.moves.acceleration_ratio = 1.0
-        self.strict_limits = False
+        self.strict_limits = self._clock.strict_limits
         self.keep_modes()
 
     def save(self) -> ControlState:

@@ -142,6 +142,8 @@ class World:
             masses and friction of the descriptions; the rig's own when omitted
         errors: of the robots' sensors and cables, "perfect", "lab" or "wide"; the rig's own when
             omitted. Everything that arms report has them; `true_state` has not
+        strict_limits: whether arms reject targets beyond their joints' limits, instead of clipping
+            them with a warning
         on_reject: rejected commands of arms "warn" and return False, as on the dVRK, or "raise" a
             RejectedError; no part of a recording
 
@@ -167,6 +169,7 @@ class World:
         calibration: Calibration | None = None,
         dynamics: DynamicsKind | None = None,
         errors: str | None = None,
+        strict_limits: bool = False,
         on_reject: OnReject = "warn",
     ) -> None:
         choices: dict[str, Any] = {
@@ -182,10 +185,13 @@ class World:
             "homed": homed,
             "dynamics": dynamics,
             "errors": errors,
+            "strict_limits": strict_limits,
         }
         #: The name or path that the rig was loaded from, "" where it came as a description.
         self.rig_source = str(rig) if isinstance(rig, str | Path) else ""
         self._homed = bool(homed)
+        #: Whether arms begin with strict limits.
+        self.strict_limits = bool(strict_limits)
         self.on_reject = on_reject
         self._build = 0
         if isinstance(rig, RigModel):

@@ -360,7 +360,7 @@ class MotionChecks:
     def _restore_ratio(self) -> None:
         for key, ratio in self._ratios.items():
             self._watch.publish(key.replace("ratio_", "set_ratio_"), {"data": ratio})
-        self._client.sleep(SETTLE_S)  # what was just sent is lost when a node ends at once
+        self._client.sleep(SETTLE_S)  # a node that ends at once loses its last messages
 
     def _move_joints(self) -> Iterator[CheckResult]:
         if not self._watch.has_command("move_jp"):

@@ -1,4 +1,4 @@
-"""Checks that only read: what is offered, and the messages of an arm at rest."""
+"""Checks by reading: topics and services, and the messages of an arm at rest."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ LARGEST = 1e6
 
 #: Time between two warnings of a streamed command of a kind. Source: our own choice; the robot
 #: warns of commands of any kind each 2 s, SAW mtsIntuitiveResearchKitArm.cpp:1679. [s]
-WARNING_PERIOD_S = 1.0
+REJECTION_PERIOD_S = 1.0
 
 log = logging.getLogger("trocar")
 OnReject = Literal["warn", "raise"]
@@ -104,7 +104,7 @@ class Rejections:
         self.count = 0
         self.last = ""
         self._arm, self._world, self._journal = arm, world, world.journal
-        self._limit = RateLimit(WARNING_PERIOD_S)
+        self._limit = RateLimit(REJECTION_PERIOD_S)
 
     def reject(self, verb: str, kind: str, why: str, event: str = "warning") -> None:
         """Count a rejected command, and warn of it or raise as the world's `on_reject` has it.

@@ -222,11 +222,6 @@ class Moves:
         if self.profile is not None:
             self.profile = self._plan(self.target, time)
 
-    @property
-    def active(self) -> bool:
-        """Whether set-points change as time passes."""
-        return self.profile is not None or self.drift is not None
-
     def end(self, part: slice) -> None:
         """End the trajectory, for a command to some joints that sets their next set-points."""
         if part.start < self.joints.stop and self.joints.start < part.stop:

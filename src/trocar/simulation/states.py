@@ -178,14 +178,13 @@ class ArmStateMachine:
     def operating_state(self) -> OperatingState:
         """Return the state as CRTK has it."""
         now = self._states
-        busy = self._control.moves.profile is not None or self.homing is not None
-        return OperatingState(STATE[now.phase], now.homed, busy, self._clock.time, now.phase)
+        state = STATE[now.phase]
+        return OperatingState(state, now.homed, self.busy, self._clock.time, now.phase)
 
     def report(self) -> None:
         """Enter the operating state into the journal, when it changed."""
         states = self._states
-        busy = self._control.moves.profile is not None or self.homing is not None
-        now = STATE[states.phase], states.homed, busy
+        now = STATE[states.phase], states.homed, self.busy
         if now != self.reported:
             self.reported = now
             self._control.report("operating_state", state=now[0], is_homed=now[1], is_busy=now[2])

@@ -341,7 +341,7 @@ class Ros1Transport:
         ones would otherwise wait until it has acknowledged those before.
         """
         publisher = self._publishers.get(name)
-        if publisher is None:  # it connected before rospy has returned the publisher
+        if publisher is None:  # rospy has not returned the publisher yet
             return
         topic, newest = self._core.topics[name], publisher.impl.connections[-1:]
         with suppress(OSError):  # closed meanwhile

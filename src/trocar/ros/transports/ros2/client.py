@@ -226,7 +226,7 @@ class Ros2Client:
                     end.look()
                     continue
                 take = self._takes.get(end.entity)
-                if take is None:  # the reader was made just now: its messages wait
+                if take is None:  # a new reader: its messages wait
                     time.sleep(0.0)
                     continue
                 for sample in end.take():

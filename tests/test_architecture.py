@@ -40,6 +40,7 @@ PACKAGES = [
     "tasks",
     "conformance",
     "robot",
+    "learning",
     "cli",
 ]
 # Rooms that must not import each other ...
@@ -69,6 +70,13 @@ HOMES = {
     "websockets": ("live/connections", "viewer", "ros/transports/websocket"),
     "rich": ("cli",),
     "ray": ("tasks",),
+    "gymnasium": ("learning",),
+    "stable_baselines3": ("learning",),
+    "torch": ("learning",),
+    "safetensors": ("learning",),
+    "pyarrow": ("learning",),
+    "mujoco_warp": ("learning",),
+    "warp": ("learning",),
     "rospy": ("ros/transports/ros1",),
     "PyKDL": ("scripts",),
     "rosgraph": ("ros/transports/ros1",),

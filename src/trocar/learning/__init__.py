@@ -1,0 +1,1 @@
+"""Train and run policies on scenes: environments, batches of worlds, datasets and baselines."""

@@ -19,8 +19,8 @@ PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11 python;
 ROS1_PYTHON ?= /usr/bin/python3
 
 # What make run installs (the extra `all`, pip and the build backend) stands with hashes in
-# requirements.txt; these are added to it for other targets. Only make skipped installs judges,
-# one of which needs a proprietary wheel (docs/licences.md).
+# requirements.txt; these are added to it for other targets. Only make skipped installs judges, one
+# of which needs a proprietary wheel (docs/licences.md), and PyTorch, which may take gigabytes.
 # Linux on ARM: no wheels of these (pip's index, for Python 3.11); built from sources with known
 # hashes, which takes a C++ compiler.
 SOURCES := $(if $(filter Linux-aarch64,$(shell uname -s)-$(shell uname -m)),\
@@ -29,7 +29,7 @@ EXTRAS_test := [test,browser]
 EXTRAS_cad := [cad]
 EXTRAS_docs := [docs]
 EXTRAS_dev := [dev]
-EXTRAS_judges := [dev,judges]
+EXTRAS_judges := [dev,judges,learn,gpu]
 
 # The browser draws in software and needs the machine for itself; pytest ends with 5 where ARGS
 # chooses nothing. Side by side, processes with several BLAS threads each only wait for one another.

@@ -26,7 +26,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGES = (
     "geometry", "kinematics", "fitting", "cameras", "messages", "descriptions", "modeling",
     "formats", "simulation", "recording", "plotting", "rendering", "live", "ros", "viewer",
-    "teleoperation", "scripts", "tasks", "robot", "cli",
+    "teleoperation", "scripts", "tasks", "conformance", "robot", "learning", "cli",
 )  # fmt: skip
 #: Tests of the whole repository that take a second.
 ALWAYS = ("test_architecture.py", "test_repository.py", "test_exports.py", "test_startup.py")

@@ -1,0 +1,4 @@
+# Warp is optional, and checks are the same without it; everything is Any here.
+from typing import Any
+
+def __getattr__(name: str) -> Any: ...

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -153,7 +154,7 @@ class Level(Reach):
         self.world.set_state(name, np.clip(q, joints.lower, joints.upper))
         q = joints.positions()
         side = -1.0 if rng.uniform() < 0.5 else 1.0
-        tilt = side * float(rng.uniform(self.LEAST_RAD, self.MOST_RAD))
+        tilt = side * cast(float, rng.uniform(self.LEAST_RAD, self.MOST_RAD))
         q[3] = tilt - self.tilt(name)
         self.world.set_state(name, q)
         self.begin()

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from tests.robot.dvrk_config import configurations as lab
-from trocar.descriptions import RigDescription, load_rig
+from trocar.descriptions import RigDescription, load_arm, load_rig
 from trocar.errors import DescriptionError
 from trocar.kinematics.forward import pose
 from trocar.robot.dvrk_config import RigImportOptions, import_dvrk

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 #: Mounting pitch of arms on an Si cart. Source: jhu-dvrk/sawIntuitiveResearchKit@9e535e6
 #: share/arm/suj-si-simulated.json; PSM3's is -15 degrees. [rad]
 LEAN = {"PSM": math.radians(-45.0), "ECM": math.radians(-70.0)}
-#: Where the search for an arm's joints begins, yaw, pitch, insertion: straight down, or as near to
+#: Start of the search for an arm's joints, yaw, pitch, insertion: straight down, or as near to
 #: it as the range allows [rad, m].
 SEED = {"PSM": (0.0, -0.785, 0.15), "ECM": (0.0, -1.0, 0.05)}
 #: Tilt of a shaft below which it points nowhere in particular. Source: our own choice. [rad]

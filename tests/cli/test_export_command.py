@@ -6,12 +6,14 @@ import pytest
 
 from tests.formats.dropped import drop_in
 from trocar.cli import main
+from trocar.robot.dvrk_config.arms import SERIAL
 
 PLAIN = '''
 """A text."""
 
 from trocar.formats.folder import ExportTask
 from trocar.formats.format import Format
+from trocar.robot.dvrk_config.arms import SERIAL
 
 FILES = {files!r}
 
@@ -74,7 +76,7 @@ def test_json_names_files_counts_and_warnings(trocar, tmp_path):
     [
         (("ecm", "--format", "step"), "unknown format 'step'"),
         (("ecn", "--format", "plain"), "unknown arm or rig 'ecn' (did you mean 'ecm'?)"),
-        (("psm_si", "--format", "plain"), "has no mass for yaw"),
+        ((str(SERIAL["PSM"]), "--format", "plain"), "has no mass for yaw"),
         (("full_cart", "--format", "plain", "--tool", "X:1"), "allowed: ARM=TOOL"),
         (("psm", "--format", "plain", "--tool", "SPOON"), "SPOON"),
         (("psm", "--format", "plain", "--calibration", "none.toml"), "none.toml"),

@@ -6,6 +6,8 @@ import tomllib
 
 import pytest
 
+from trocar.robot.dvrk_config.arms import SERIAL
+
 TRIED = [
     "p", "i", "d", "rise_time_s", "overshoot", "settling_time_s", "steady_error",
     "peak_effort_share",
@@ -43,7 +45,7 @@ def test_tune_tells_people_before_and_after_and_what_to_paste(trocar):
         (["psm", "--joint", "rol"], "psm: unknown joint 'rol' (did you mean 'roll'?)"),
         (["psm", "--tool", "SCALPEL"], "unknown tool 'SCALPEL'"),
         (["psm", "--control", "hand"], "invalid choice: 'hand'"),
-        (["psm_si"], "psm_si: cannot be simulated, no mass for yaw, pitch"),
+        ([str(SERIAL["PSM"])], "serial_psm: cannot be simulated, no mass for yaw, pitch"),
         ([], "the following arguments are required: ARM"),
     ],
 )

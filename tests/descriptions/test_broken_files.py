@@ -10,6 +10,7 @@ from trocar.descriptions import load_arm, load_rig, load_tool
 from trocar.descriptions.catalogue import DATA
 from trocar.errors import DescriptionError, TrocarError, UnknownNameError
 from trocar.modeling.build import lone_rig
+from trocar.robot.dvrk_config.arms import SERIAL
 from trocar.simulation import World
 
 PSM = DATA / "arms" / "psm.toml"
@@ -257,8 +258,8 @@ def test_a_tool_on_an_arm_that_takes_none_is_rejected():
 
 
 def test_an_arm_without_masses_says_why_it_cannot_be_simulated():
-    with pytest.raises(TrocarError, match=r"psm_si: cannot be simulated, no mass for"):
-        World(lone_rig(load_arm("psm_si")))
+    with pytest.raises(TrocarError, match=r"serial_psm: cannot be simulated, no mass for"):
+        World(lone_rig(load_arm(SERIAL["PSM"])))
 
 
 def test_a_loop_that_cannot_close_is_rejected(tmp_path):

@@ -19,7 +19,6 @@ Row = tuple[float, float, float, float]
 RIGHT = np.pi / 2
 #: Rounding of a product of ten transforms of metre size.
 EXACT = 1e-12
-SERIAL = {"psm_si", "ecm_si"}
 GRAVITY = 9.81
 
 #: (d2, a3, d4) of the setup joints. Source: sawIntuitiveResearchKit suj-simulated.json.
@@ -229,7 +228,7 @@ def test_loops_are_exact_parallelograms_far_from_flat(name: str) -> None:
     assert min(place.margin for place in loops.flattenings(mechanism)) > 0.2
 
 
-@pytest.mark.parametrize("name", sorted(set(names("arms")) - SERIAL))
+@pytest.mark.parametrize("name", names("arms"))
 def test_every_moving_frame_has_a_possible_body(name: str) -> None:
     arm = load_arm(name)
     loaded = {body.frame for body in arm.bodies}

@@ -19,6 +19,7 @@ from trocar.formats.export import export, find_rig
 from trocar.formats.folder import write_meshes
 from trocar.formats.links import rig_links
 from trocar.formats.meshes import mesh_names, obj
+from trocar.robot.dvrk_config.arms import SERIAL
 
 
 @pytest.fixture(autouse=True)
@@ -115,7 +116,7 @@ def test_an_unknown_format_lists_the_known_ones(tmp_path, rig):
 
 def test_an_arm_without_masses_is_refused_before_anything_is_written(tmp_path):
     with pytest.raises(InputError, match="has no mass for yaw"):
-        export(lone_arm_rig(load_arm("psm_si")), "plain", tmp_path / "new")
+        export(lone_arm_rig(load_arm(SERIAL["PSM"])), "plain", tmp_path / "new")
     assert everything(tmp_path) == []
 
 

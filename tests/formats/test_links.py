@@ -15,6 +15,7 @@ from trocar.formats.links import LinkModel, rig_links
 from trocar.geometry.rotations import matrix_from_rpy
 from trocar.geometry.se3 import inverse, transform
 from trocar.kinematics.forward import coordinates, poses
+from trocar.robot.dvrk_config.arms import SERIAL
 
 ARMS = ("psm", "ecm", "mtml", "mtmr", "suj_psm1", "suj_ecm")
 
@@ -146,4 +147,4 @@ def test_a_general_loop_follows_the_joints_that_move_it_and_no_other(skew_overla
 
 def test_an_arm_without_masses_is_rejected_with_what_is_missing() -> None:
     with pytest.raises(InputError, match="has no mass for yaw"):
-        rig_links(lone_arm_rig(load_arm("psm_si")))
+        rig_links(lone_arm_rig(load_arm(SERIAL["PSM"])))

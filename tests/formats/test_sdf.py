@@ -23,7 +23,7 @@ from trocar.geometry.rotations import rpy_from_matrix
 
 etree = pytest.importorskip("lxml.etree", reason="lxml is not installed (extra: export)")
 
-ARMS = [name for name in names("arms") if not name.endswith("_si")]
+ARMS = names("arms")
 #: A line that Debian's `ign` writes whatever it is asked.
 ALWAYS = "libignition-tools-backward.so"
 needs_ign = pytest.mark.skipif(

@@ -26,7 +26,7 @@ pydrake = pytest.importorskip("pydrake.all", reason="pydrake is not installed (e
 etree = pytest.importorskip("lxml.etree", reason="lxml is not installed (extra: export)")
 
 Array = NDArray[np.float64]
-ARMS = [name for name in names("arms") if not name.endswith("_si")]
+ARMS = names("arms")
 #: Both sides multiply about twenty matrices of size 1.
 AGREED = 1e-9
 #: Drake's solver stops when loops gape by some 1e-8 m; what is asked of exports is this.

@@ -32,7 +32,7 @@ from trocar.formats.urdf import urdf_tree
 
 pytest.importorskip("lxml", reason="exports need the extra 'export'")
 
-ARMS = [name for name in names("arms") if not name.endswith("_si")]
+ARMS = names("arms")
 RIGS = [name for name in names("rigs") if name not in names("arms")]
 SUBJECTS = [*ARMS, *(pytest.param(name, marks=pytest.mark.slow) for name in RIGS)]
 

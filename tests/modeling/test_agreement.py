@@ -14,7 +14,7 @@ from trocar.modeling.build import build, lone_rig
 from trocar.modeling.options import ModelOptions
 
 #: The Si arms are serial chains without masses (their [[missing]] says so).
-SIMULATED = [name for name in names("arms") if not name.endswith("_si")]
+SIMULATED = names("arms")
 #: Both sides compute in float64 over about twenty products of matrices of size 1.
 AGREED = 1e-9
 

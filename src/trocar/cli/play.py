@@ -65,6 +65,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         --set KEY=VALUE ... as settings
                                 value of a key of the scene's file by its dotted path, as
                                 time_limit_s=90 or pad.stitches=4; for several keys more than once
+        --generation classic|si  of the arms (default: as the scene has them, Classic): si has the
+                                same ports, tips and tools
         --stitches N:int        of suturing: how many (default: 1); deprecated: --set pad.stitches=N
         --needle SIZE           of suturing: 26mm-half (default), 36mm-half, 24mm-3/8, ...;
                                 deprecated: --set needle.length_mm=36 and the like
@@ -167,8 +169,9 @@ def _scene(args: Namespace) -> Scene | str:
     given = {key: value for key, value in given.items() if value is not None}
     if not given:
         look, scene = changed_look(args), args.scene
-        if args.settings:
-            scene = _with_settings(scene, args.settings)
+        settings = [*args.settings, *(["generation=Si"] if args.generation == "si" else [])]
+        if settings:
+            scene = _with_settings(scene, settings)
         return replace(_loaded(scene), look=look) if look else scene
     if args.settings:
         raise InputError(f"--{next(iter(given))}: got --set, too; allowed: one of them")

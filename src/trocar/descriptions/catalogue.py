@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
 from trocar.descriptions.arms import ToolDescription, read_arm, read_tool
 from trocar.descriptions.calibrated import Calibration, One, calibrated, calibrated_rig
+from trocar.descriptions.generation import on_si
 from trocar.descriptions.plugins import registered, registered_file
 from trocar.descriptions.records import ArmDescription, RigDescription
 from trocar.descriptions.rigs import read_rig
@@ -136,7 +138,8 @@ def load_scene(name: str | Path, settings: Mapping[str, Any] | None = None) -> S
         InputError: a setting's path leads nowhere; the known parts are listed
     """
     table = read_table(find("scenes", name))
-    return read_scene(changed(table, settings) if settings else table, load_rig)
+    scene = read_scene(changed(table, settings) if settings else table, load_rig)
+    return replace(scene, rig=on_si(scene.rig, load_arm)) if scene.generation == "Si" else scene
 
 
 def _open(shelf: Shelf, path: Path, above: tuple[Path, ...] = ()) -> Table:

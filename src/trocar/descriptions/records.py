@@ -30,6 +30,7 @@ Array = NDArray[np.float64]
 Touches = Literal["nothing", "pieces", "box", "capsule"]
 ShapeKind = Literal["box", "capsule", "cylinder", "sphere", "mesh"]
 PropJointKind = Literal["hinge", "slide", "ball"]
+Generation = Literal["Classic", "Si"]
 GraspKind = Literal["friction+stick", "friction", "attach"]
 DynamicsKind = Literal["identified", "cad"]
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from trocar.descriptions.cameras import load_stereo_camera
 from trocar.descriptions.keys import key
 from trocar.descriptions.props import read_bands, read_props
-from trocar.descriptions.records import DynamicsKind, GraspKind, RigDescription
+from trocar.descriptions.records import DynamicsKind, Generation, GraspKind, RigDescription
 from trocar.descriptions.sensors import read_sensors
 from trocar.descriptions.table import Table
 from trocar.errors import InputError
@@ -94,6 +94,7 @@ class SceneKeys:
         hidden: objects that observations leave out, and with them places of goals on them
         camera: preset of the endoscope's camera; default: the rig's
         grasp, dynamics: as in the rig's file; default: the rig's
+        generation: Si: arms of an Si in place of the rig's, with the same ports, tips and tools
     """
 
     name: str = field(metadata=key())
@@ -109,6 +110,7 @@ class SceneKeys:
     camera: str = field(metadata=key(default=""))
     grasp: GraspKind | None = field(default=None, metadata=key())
     dynamics: DynamicsKind | None = field(default=None, metadata=key())
+    generation: Generation | None = field(default=None, metadata=key())
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,6 +127,7 @@ class Scene:
         time_limit: of an episode [s]
         drop_height: an object that falls farther counts as dropped [m]
         hidden: objects that observations leave out, and with them places of goals on them
+        generation: "Si" of a scene whose arms are to be replaced (`on_si`), "" as the rig has them
         look: settings of `trocar.rendering.Look` for the images that the task looks at, by name;
             others are as the task has them
     """
@@ -143,6 +146,7 @@ class Scene:
     hidden: tuple[str, ...] = ()
     welded: tuple[str, ...] = ()
     look: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    generation: str = ""
 
     def placed(self, rng: np.random.Generator) -> dict[str, Array]:
         """Draw where its objects begin, {object: T_world_object (4, 4)}.
@@ -229,6 +233,7 @@ def read_scene(table: Table, load_rig: Callable[[str | Path], RigDescription]) -
         time_limit=keys.time_limit,
         drop_height=keys.drop_height,
         hidden=hidden,
+        generation=keys.generation or "",
         welded=() if rig.errors else tuple(a.name for a in rig.arms if a.name in idle),
     )
 

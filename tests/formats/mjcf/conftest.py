@@ -16,7 +16,7 @@ from trocar.formats.meshes import obj
 from trocar.formats.mjcf import POSITION, Variant, mjcf_document
 
 #: The Si arms are serial chains without masses (their [[missing]] says so).
-ARMS = tuple(name for name in names("arms") if not name.endswith("_si"))
+ARMS = names("arms")
 RIGS = tuple(f"{name} rig" for name in names("rigs"))
 
 

@@ -29,6 +29,7 @@ from trocar.formats.mjcf import (
 from trocar.geometry.se3 import inverse
 from trocar.kinematics.forward import coordinates, poses
 from trocar.modeling.build import build
+from trocar.robot.dvrk_config.arms import SERIAL
 from trocar.simulation.servos import HOLDING_DAMPING
 
 #: Both sides compute in float64 over about twenty products of matrices of size 1.
@@ -256,7 +257,7 @@ def test_an_arm_without_gains_or_masses_is_rejected():
     with pytest.raises(InputError, match="ecm: has no control gains"):
         mjcf_document(rig)
     with pytest.raises(InputError, match="no mass for yaw"):
-        mjcf_document(lone_arm_rig(load_arm("psm_si")))
+        mjcf_document(lone_arm_rig(load_arm(SERIAL["PSM"])))
 
 
 def test_without_lxml_the_extra_is_named(monkeypatch):

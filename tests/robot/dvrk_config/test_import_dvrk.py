@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from tests.robot.dvrk_config import configurations as lab
-from trocar.descriptions import RigDescription, load_rig
+from trocar.descriptions import RigDescription, load_arm, load_rig
 from trocar.errors import DescriptionError
 from trocar.kinematics.forward import pose
 from trocar.robot.dvrk_config import RigImportOptions, import_dvrk
@@ -324,7 +324,11 @@ def test_an_si_of_a_lab_names_what_trocar_lacks_and_has_no_erratum_of_another_fi
     tmp_path: Path,
 ) -> None:
     found = import_dvrk(lab.lab(tmp_path / "in", "Si"), tmp_path / "rig.toml")
-    assert any("trocar has no masses and shapes of these arms" in note for note in found.notes)
+    (note,) = [n for n in found.notes if "trocar has no masses and shapes of these arms" in n]
+    assert "SUJ_PSM1" in note and "PSM1" not in note.replace("SUJ_PSM1", "")
+    own = load_arm("psm_si")
+    masses = {body.frame: body.mass for body in found.rig.arm("PSM1").arm.bodies}
+    assert masses == {body.frame: body.mass for body in own.bodies}
     texts = [*found.notes, *(Path(file).read_text(encoding="utf-8") for file in found.files)]
     assert not [text for text in texts if "not published" in text or "[[erratum]]" in text]
 

@@ -138,6 +138,9 @@ SI_GAINS = {
 
 Point = tuple[float, float, float]
 
+#: Arms by their serial chains, whose rows another chain replaces.
+SERIAL = {kind: Path(__file__).with_name(f"serial_{kind.lower()}.toml") for kind in ("PSM", "ECM")}
+
 STAND_IN = "a stand-in: trocar has no masses and shapes of this arm; these are our own choice"
 #: Bodies of a PSM or ECM at q = 0 in its remote centre's frame (z up, the base towards -y): frame,
 #: ends and radius of each capsule, mass [m, kg].
@@ -157,8 +160,11 @@ STAND_IN_ARM: tuple[tuple[str, tuple[tuple[Point, Point, float], ...], float], .
 )
 #: Shaft of an endoscope, from its end outward.
 STAND_IN_SCOPE = ((0.0, 0.0, 0.005), (0.0, 0.0, 0.40), 0.006)
-#: The endoscope that trocar's ECM holds. Source: ecm.toml.
-OWN_ENDOSCOPE = ENDOSCOPES["Classic_SD_STRAIGHT"]
+#: The endoscope that each of trocar's ECMs holds. Source: ecm.toml, ecm_si.toml.
+OWN_ENDOSCOPES = {
+    "ecm": ENDOSCOPES["Classic_SD_STRAIGHT"],
+    "ecm_si": ENDOSCOPES["Si_HD_STRAIGHT"],
+}
 #: Radius of a shaft that reaches past the ECM's own [m]. Source: ecm.toml.
 SCOPE_RADIUS = 0.005
 #: Links of setup joints: mass, and radius of links and of the hubs about their axes [kg, m].
@@ -216,7 +222,7 @@ def arm_entry(arm: LabArm, tool: str, files: Files) -> dict[str, Any]:
         _add_bodies(found, base, arm)
         changed = True
         files.stand_ins.append(arm.name)
-    if arm.endoscope is not None and arm.endoscope != OWN_ENDOSCOPE:
+    if arm.endoscope is not None and arm.endoscope != OWN_ENDOSCOPES[own]:
         _set_endoscope(found, arm.endoscope, source)
         changed = True
     changed |= set_gains(found, arm.gains, source)
@@ -314,7 +320,7 @@ def _other_chain(arm: LabArm, own: str, source: str) -> tuple[Document, ArmDescr
             f"unsupported kinematic chain for {own} (got {', '.join(got)}); allowed: that of"
             f" {own}, or for a PSM or ECM one of {', '.join(kinds)} in the modified convention",
         )
-    serial = f"{arm.type.lower()}_si"
+    serial = SERIAL[arm.type]
     found = document("arms", serial)
     found["name"], found["generation"] = f"{own}_lab", arm.generation
     for name, row in zip(moving, chain.rows, strict=True):
@@ -322,7 +328,7 @@ def _other_chain(arm: LabArm, own: str, source: str) -> tuple[Document, ArmDescr
         turn = ROW_TURN if arm.type == "PSM" and name == "insertion" else 0.0
         set_row(frame, row, turn)
         frame["source"] = source
-    return found, known(serial, "none" if arm.type == "PSM" else None)
+    return found, known(str(serial), "none" if arm.type == "PSM" else None)
 
 
 def _add_bodies(found: Document, base: ArmDescription, arm: LabArm) -> None:
@@ -383,7 +389,7 @@ def arm_bodies(mechanism: Mechanism, scope: bool) -> list[Document]:
     """
     at = poses(mechanism, np.clip(np.zeros(len(mechanism.joints)), mechanism.lower, None), "rcm")
     found: list[Document] = []
-    shaft = ("roll", (STAND_IN_SCOPE,), OWN_ENDOSCOPE.mass)
+    shaft = ("roll", (STAND_IN_SCOPE,), OWN_ENDOSCOPES["ecm"].mass)
     for frame, capsules, mass in (*STAND_IN_ARM, *([shaft] if scope else [])):
         ends = inverse(at[frame])
         shapes = [_capsule(ends, start, stop, radius) for start, stop, radius in capsules]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from trocar.descriptions import names
 from trocar.descriptions.endoscopes import ENDOSCOPES, EndoscopeType
-from trocar.descriptions.records import REFERENCE_ARM
+from trocar.descriptions.records import REFERENCE_ARM, Generation
 from trocar.errors import DescriptionError
 from trocar.geometry.dh import modified_dh, standard_dh
 from trocar.geometry.se3 import transform
@@ -40,7 +40,6 @@ from trocar.robot.dvrk_config.files import (
 )
 
 Array = NDArray[np.float64]
-Generation = Literal["Classic", "Si"]
 Gains = tuple[float, float, float]
 
 #: Kinds of arms. Source: schema dvrk-system-arm; SUJ and PSM_SOCKET are those of older files.

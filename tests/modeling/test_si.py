@@ -1,0 +1,111 @@
+"""The arms of an Si: belts in place of loops, and the weight that their own controller carries."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from trocar.descriptions import load_arm, load_rig
+from trocar.kinematics.forward import pose
+from trocar.simulation import World
+
+#: Poses (yaw, pitch, insertion) and the efforts that sawIntuitiveResearchKit's coefficients have
+#: for them, by mounting pitch [deg] [N m, N m, N]. Source: share/kinematic/PSM_Si_physical.json and
+#: ECM_Si_physical.json of jhu-dvrk/sawIntuitiveResearchKit@9e535e6 by Newton and Euler, rounded.
+PSM = {
+    0: [
+        ((0.0, 0.0, 0.12), (-0.800, 3.983, -6.249)),
+        ((0.0, 0.5, 0.12), (-0.800, -0.704, -5.484)),
+        ((0.0, -1.0, 0.2), (-0.800, 9.101, -3.376)),
+        ((0.7, 0.0, 0.15), (-4.429, 3.046, -4.779)),
+        ((-0.7, 0.4, 0.15), (3.769, 0.253, -4.402)),
+        ((1.2, -0.4, 0.1), (-4.004, 2.583, -2.086)),
+    ],
+    -45: [
+        ((0.0, 0.0, 0.12), (-0.565, -3.377, -4.419)),
+        ((0.0, 0.5, 0.12), (-0.565, -7.282, -1.759)),
+        ((0.0, -1.0, 0.2), (-0.565, 5.650, -6.106)),
+        ((0.7, 0.0, 0.15), (-3.132, -3.906, -3.380)),
+        ((-0.7, 0.4, 0.15), (2.665, -6.500, -1.392)),
+        ((1.2, -0.4, 0.1), (-2.832, -2.862, -3.195)),
+    ],
+}
+ECM = {
+    0: [
+        ((0.0, 0.0, 0.12), (-0.669, 5.744, -17.658)),
+        ((0.7, 0.4, 0.15), (-9.487, -0.826, -12.439)),
+    ],
+    -70: [
+        ((0.0, 0.0, 0.12), (-0.229, -13.908, -6.039)),
+        ((0.7, 0.4, 0.15), (-3.245, -16.546, 2.207)),
+    ],
+}
+CASES = [("psm_si", "PSM1", mount, *row) for mount, rows in PSM.items() for row in rows] + [
+    ("ecm_si", "ECM", mount, *row) for mount, rows in ECM.items() for row in rows
+]
+
+
+def leaning(rig: str, degrees: float) -> World:
+    """Return a lone arm mounted with a pitch."""
+    found = load_rig(rig)
+    (arm,) = found.arms
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    T = arm.pose.copy()
+    T[:3, :3] = [[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]]
+    return World(replace(found, arms=(replace(arm, pose=T),)))
+
+
+@pytest.mark.parametrize(("rig", "name", "mount", "at", "efforts"), CASES)
+def test_the_weight_is_that_of_the_robot_s_own_coefficients(rig, name, mount, at, efforts):
+    world = leaning(rig, mount)
+    q = np.zeros(len(world.arms[name].joints.positions()))
+    q[:3] = at
+    world.set_state(name, q)
+    held = world.frames.holding_efforts(np.zeros(len(world.joints)))[:3]
+    np.testing.assert_allclose(held, efforts, rtol=0.0, atol=1.5e-3)  # rounded to 0.5e-3 there
+
+
+@pytest.mark.parametrize("name", ["psm_si", "ecm_si"])
+def test_three_links_turn_by_q_minus_q_and_q_as_their_belts_make_them(name):
+    mechanism = load_arm(name).mechanism
+    q = np.zeros(len(mechanism.joints))
+    q[2] = mechanism.lower[2]
+    before = {frame: pose(mechanism, q, frame) for frame in ("pitch_1", "pitch_2", "pitch_3")}
+    q[1] = 0.3
+    for frame, turned in (("pitch_1", 0.3), ("pitch_2", 0.0), ("pitch_3", 0.3)):
+        R = before[frame][:3, :3].T @ pose(mechanism, q, frame)[:3, :3]
+        assert np.arctan2(R[1, 0], R[0, 0]) == pytest.approx(turned, abs=1e-12), frame
+
+
+@pytest.mark.parametrize("name", ["psm_si", "ecm_si"])
+def test_the_shaft_goes_through_one_point_at_every_pose(name):
+    mechanism = load_arm(name, "none" if name == "psm_si" else None).mechanism
+    rng = np.random.default_rng(3)
+    for _ in range(200):
+        q = rng.uniform(mechanism.lower, mechanism.upper)
+        T = pose(mechanism, q, "insertion")  # in the remote centre's frame
+        off = np.cross(T[:3, 3], T[:3, 2])
+        assert np.linalg.norm(off) < 2e-6
+
+
+def test_the_middle_stage_of_the_telescope_goes_half_the_way():
+    mechanism = load_arm("psm_si").mechanism
+    low, high = (np.array([0.2, 0.1, depth, 0.0, 0.0, 0.0, 0.0]) for depth in (0.05, 0.15))
+    for frame, way in (("pitch_3", 0.0), ("insertion_middle", 0.05), ("insertion", 0.1)):
+        gone = pose(mechanism, high, frame)[:3, 3] - pose(mechanism, low, frame)[:3, 3]
+        assert np.linalg.norm(gone) == pytest.approx(way, abs=1e-12), frame
+
+
+@pytest.mark.parametrize(("rig", "name"), [("psm_si", "PSM1"), ("ecm_si", "ECM")])
+def test_an_arm_of_an_si_moves_and_stays_where_it_is_sent(rig, name):
+    world = World(rig)
+    arm = world.arms[name]
+    goal = arm.joints.setpoints()[: arm.description.own_joints].copy()
+    goal[:3] += [0.2, 0.15, 0.03]
+    arm.move_jp(goal)
+    world.step(6000)
+    assert not arm.operating_state().is_busy
+    off = np.abs(arm.joints.positions()[: len(goal)] - goal)
+    assert off[[0, 1]].max() < 4e-3 and off[2] < 1e-3  # dry friction over the gains: 3 mrad

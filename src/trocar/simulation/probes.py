@@ -154,34 +154,37 @@ class Probes:
 
     def contact_forces(self) -> dict[str, Array]:
         """Return the net force of contacts and of held objects on each arm, {arm: (3,)} [N]."""
-        total, data = [[0.0, 0.0, 0.0] for _ in self._arms], self._acted()
-        if not data.ncon and not self._welds:
-            return dict(zip(self._arms, np.array(total), strict=True))
-        # of the last step, whatever is active now
-        equalities: list[int] = data.efc_id[: data.ne].tolist()
-        for weld, (finger, _) in self._welds:
-            if weld in equalities:
-                first = equalities.index(weld)
-                arm = int(self._arm_of_body[finger])
-                force: list[float] = data.efc_force[first : first + 3].tolist()
-                total[arm] = [t + f for t, f in zip(total[arm], force, strict=True)]
-        found, on = data.contact, self._arm_of_geom
-        pushes: list[float] = data.efc_force.tolist()
-        # plain numbers: few contacts are on arms
-        geoms: list[tuple[int, int]] = found.geom.tolist()
-        firsts: list[int] = found.efc_address.tolist()
-        dims: list[int] = found.dim.tolist()
-        frames: list[list[float]] = found.frame.tolist()
-        for (a, b), first, dim, axes in zip(geoms, firsts, dims, frames, strict=True):
-            if first < 0 or (on[a] < 0 and on[b] < 0):
+        data, on = self._acted(), self._arm_of_geom
+        total: list[list[float]] = np.zeros((len(self._arms), 3)).tolist()
+        if self._welds:  # of the last step, whatever is active now
+            equalities: list[int] = data.efc_id[: data.ne].tolist()
+            for weld, (finger, _) in self._welds:
+                if weld in equalities:
+                    first = equalities.index(weld)
+                    on_arm = total[int(self._arm_of_body[finger])]
+                    for i, f in enumerate(data.efc_force[first : first + 3].tolist()):
+                        on_arm[i] += f
+        touching = data.contact
+        geoms: list[tuple[int, int]] = touching.geom.tolist() if data.ncon else []
+        for k, (a, b) in enumerate(geoms):  # plain numbers: few contacts are on arms
+            if on[a] < 0 and on[b] < 0:
                 continue
-            force = [0.0, 0.0, 0.0]
-            for k in range(min(dim, 3)):  # one where a weld holds the object, and pads only press
-                push = pushes[first + k]
-                force = [f + push * axes[3 * k + i] for i, f in enumerate(force)]
+            first, dim = int(touching.efc_address[k]), int(touching.dim[k])
+            if first < 0:
+                continue
+            axes: list[float] = touching.frame[k].tolist()
+            x = y = z = 0.0
+            # one where a weld holds the object, and pads only press
+            for i, push in enumerate(data.efc_force[first : first + min(dim, 3)].tolist()):
+                x, y, z = (
+                    x + push * axes[3 * i],
+                    y + push * axes[3 * i + 1],
+                    z + push * axes[3 * i + 2],
+                )
             for arm, sign in ((on[a], -1.0), (on[b], 1.0)):
                 if arm >= 0:
-                    total[arm] = [t + sign * f for t, f in zip(total[arm], force, strict=True)]
+                    before = total[arm]
+                    total[arm] = [before[0] + sign * x, before[1] + sign * y, before[2] + sign * z]
         return dict(zip(self._arms, np.array(total), strict=True))
 
     @cached_property
@@ -297,7 +300,8 @@ class Probes:
 
     def _acted(self) -> mujoco.MjData:
         """Return the data that holds forces and accelerations of the last step."""
-        if np.isfinite(self._data.qacc).all():
+        qacc = self._data.qacc
+        if math.isfinite(qacc.dot(qacc)):  # all are, in a quarter of the time
             return self._data
         scratch = self._copied()
         mujoco.mj_forward(self._model, scratch)

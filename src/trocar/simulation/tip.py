@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from trocar.errors import InputError, UnknownNameError, UnreachableError
 from trocar.geometry.se3 import inverse, pose_difference
 from trocar.kinematics.chain_pose import chain_pose
-from trocar.kinematics.inverse import POSE_TOLERANCE, nearest_solution, nearest_start
+from trocar.kinematics.inverse import POSE_TOLERANCE, is_chain, nearest_solution, nearest_start
 from trocar.kinematics.inverse_rcm import DIRECTION_TOLERANCE
 from trocar.kinematics.jacobian import jacobian_body, jacobian_spatial
 from trocar.kinematics.robot_inverse import SAFE_DEPTH_M, robot_solution
@@ -251,7 +251,7 @@ class Tip:
         """
         structure, mechanism = self._arm.inverse_kinematics, self._arm.mechanism
         frames = self._clock.frames
-        if frames.follows(self._name):
+        if not is_chain(mechanism, structure) and frames.follows(self._name):
             near = nearest_start(mechanism, structure, local, start)
             tolerance = DIRECTION_TOLERANCE if structure == "rcm_scope" else POSE_TOLERANCE
             found = None if near is None else frames.reach(self._name, local, near, tolerance)

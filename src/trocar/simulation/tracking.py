@@ -50,8 +50,10 @@ class Tracking(Part):
         q, beyond = servos.beyond()
         setpoint = servos.setpoint[:, 0].copy()
         self._before = q, setpoint
-        if beyond is None and before and abs(setpoint - before[1]).max() > STEP:
-            _, beyond = servos.beyond(before[0])
+        if beyond is None and before:
+            moved = setpoint - before[1]
+            if moved.dot(moved) > 0.99 * STEP**2 and abs(moved).max() > STEP:  # the first is quick
+                _, beyond = servos.beyond(before[0])
         if beyond is None:
             return
         for arm in self._physics.arms.values():

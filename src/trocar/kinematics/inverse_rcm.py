@@ -259,7 +259,9 @@ def _branches(geometry: RcmArmGeometry, T: Array) -> _Branches:
     q[..., 0], q[..., 1] = yaw, pitch
     q[..., 2] = depth + geometry.insertion_offset - geometry.tool_length
     x3, y3, _ = shaft_axes(yaw, pitch)
-    z5 = np.cross(x5, z6)
+    a, b, c = x5[..., 0], x5[..., 1], x5[..., 2]
+    x, y, z = z6.tolist()
+    z5 = np.stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=-1)  # x5 x z6
     q[..., 3] = np.arctan2(-np.sum(z5 * x3, axis=-1), np.sum(z5 * y3, axis=-1))
     q[..., 4] = np.arctan2(-u @ z6, np.sum(u * x5, axis=-1))
     q[..., 5] = np.arctan2(x5 @ x6, z5 @ x6)

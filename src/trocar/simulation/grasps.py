@@ -233,19 +233,25 @@ class Grasps(Part):
         contacts: dict[tuple[int, int], list[int]] = {}  # (jaws, object): contacts
         force: dict[tuple[int, int], float] = {}  # (finger, object): across its face [N]
         if data.ncon:
-            touching, pushes, turns = data.contact, data.efc_force, data.xmat.reshape(-1, 3, 3)
-            rows = zip(touching.geom.tolist(), touching.efc_address.tolist(), strict=True)
-            fingers, objects = self._finger_of, self._held_of
-            for k, ((one, two), first) in enumerate(rows):
+            touching, fingers, objects = data.contact, self._finger_of, self._held_of
+            firsts: list[int] = []
+            across: dict[int, Array] = {}  # normals of fingers' faces in the world
+            for k, (one, two) in enumerate(touching.geom.tolist()):
                 finger = fingers[one] if fingers[one] >= 0 else fingers[two]
-                if finger < 0 or first < 0:
-                    continue
                 held = objects[one] if objects[one] >= 0 else objects[two]
-                if held >= 0:
-                    contacts.setdefault((finger // 2, held), []).append(k)
-                    body, face = self._faces[int(finger)]  # its edges do not press
-                    squeeze = float(pushes[first] * (touching.frame[k, :3] @ turns[body].dot(face)))
-                    force[finger, held] = force.get((finger, held), 0.0) + abs(squeeze)
+                if finger < 0 or held < 0:
+                    continue
+                if not firsts:
+                    firsts = touching.efc_address.tolist()
+                    pushes, normals = data.efc_force, touching.frame[:, :3]
+                if (first := firsts[k]) < 0:
+                    continue
+                contacts.setdefault((finger // 2, held), []).append(k)
+                if finger not in across:
+                    body, face = self._faces[finger]  # its edges do not press
+                    across[finger] = data.xmat[body].reshape(3, 3).dot(face)
+                squeeze = float(pushes[first] * normals[k].dot(across[finger]))
+                force[finger, held] = force.get((finger, held), 0.0) + abs(squeeze)
         for row in range(len(self._jaws)):
             if (hold := self._holds[row]) is None:
                 self._watch(row, contacts, force)
@@ -437,7 +443,8 @@ class Grasps(Part):
         force, torque = push[:3].dot(turn).tolist(), torque.dot(turn).tolist()
         both = max(right + max(right + force[2], 0.0), 1e-9)
         sliding = (force[0] ** 2 + force[1] ** 2) / hold.friction**2
-        turning = sum((t / at) ** 2 for t, at in zip(torque, hold.levers.tolist(), strict=True))
+        a, b, c = hold.levers.tolist()
+        turning = (torque[0] / a) ** 2 + (torque[1] / b) ** 2 + (torque[2] / c) ** 2
         return sqrt(sliding + turning) / both, hypot(fx, fy, fz)
 
     def _grasp(self, found: int | None, force: float, load: float = 0.0) -> Grasp:

@@ -166,16 +166,19 @@ class Probes:
                         on_arm[i] += f
         touching = data.contact
         geoms: list[tuple[int, int]] = touching.geom.tolist() if data.ncon else []
+        firsts: list[int] = []
         for k, (a, b) in enumerate(geoms):  # plain numbers: few contacts are on arms
             if on[a] < 0 and on[b] < 0:
                 continue
-            first, dim = int(touching.efc_address[k]), int(touching.dim[k])
-            if first < 0:
+            if not firsts:
+                firsts, dims = touching.efc_address.tolist(), touching.dim.tolist()
+                frames, pushes = touching.frame.tolist(), data.efc_force.tolist()
+            if (first := firsts[k]) < 0:
                 continue
-            axes: list[float] = touching.frame[k].tolist()
+            axes: list[float] = frames[k]
             x = y = z = 0.0
             # one where a weld holds the object, and pads only press
-            for i, push in enumerate(data.efc_force[first : first + min(dim, 3)].tolist()):
+            for i, push in enumerate(pushes[first : first + min(dims[k], 3)]):
                 x, y, z = (
                     x + push * axes[3 * i],
                     y + push * axes[3 * i + 1],

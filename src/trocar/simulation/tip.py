@@ -7,12 +7,13 @@ from math import degrees
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.errors import InputError, UnknownNameError, UnreachableError
+from trocar.errors import InputError, SingularError, UnknownNameError, UnreachableError
 from trocar.geometry.se3 import inverse, pose_difference
 from trocar.kinematics.chain_pose import chain_pose
 from trocar.kinematics.inverse import POSE_TOLERANCE, is_chain, nearest_solution, nearest_start
 from trocar.kinematics.inverse_rcm import DIRECTION_TOLERANCE
 from trocar.kinematics.jacobian import jacobian_body, jacobian_spatial
+from trocar.kinematics.mechanism import Mechanism
 from trocar.kinematics.robot_inverse import SAFE_DEPTH_M, robot_solution
 from trocar.kinematics.solutions import LIMIT_TOLERANCE
 from trocar.simulation.control import ArmWorld, JointControl
@@ -22,6 +23,8 @@ from trocar.simulation.readout import least_wrench, turned
 from trocar.simulation.records import Pose, Twist, Wrench, checked_pose
 
 Array = NDArray[np.float64]
+
+Refusal = tuple[Mechanism, bytes, bytes, UnreachableError | SingularError]
 
 FRAMES: tuple[WrenchFrame, ...] = ("body", "spatial")
 #: Names of frames beside those of arms: the rig's own, and the endoscope's optical frame.
@@ -49,6 +52,10 @@ class Tip:
     def __init__(self, name: str, clock: ArmWorld) -> None:
         self._name, self._clock = name, clock
         self.placed: tuple[Array, str] | None = None
+        #: Arguments of the last inverse kinematics that failed in closed form, and its error.
+        self._refused: tuple[Mechanism, bytes, bytes, UnreachableError | SingularError] | None = (
+            None
+        )
 
     def fit(self, control: JointControl) -> None:
         """Set the joints of the mounted tool."""
@@ -260,7 +267,16 @@ class Tip:
                 inside = np.clip(found, lower, upper)
                 if (np.abs(found - inside) <= LIMIT_TOLERANCE).all():
                     return inside
-        return nearest_solution(mechanism, structure, local, start)
+        if self._refused is not None:  # a policy that pushes against a limit asks again and again
+            asked, pose, seed, problem = self._refused
+            if asked is mechanism and pose == local.tobytes() and seed == start.tobytes():
+                raise problem.with_traceback(None)
+            self._refused = None
+        try:
+            return nearest_solution(mechanism, structure, local, start)
+        except (UnreachableError, SingularError) as problem:
+            self._refused = mechanism, local.tobytes(), start.tobytes(), problem
+            raise
 
     def solved(self, T: ArrayLike, verb: str, frame: str = "") -> Array | None:
         """Compute the joints of a commanded pose, clipped to their limits, (n,).

@@ -258,7 +258,7 @@ class Grasps(Part):
             else:
                 pressed = force.get((2 * row + 1, hold.object), 0.0)
                 self._guard(row, hold, contacts.get((row, hold.object), []), pressed)
-        self._pressing = bool(self._looks.any())
+        self._pressing = np.count_nonzero(self._looks) > 0  # any() takes 1 us
 
     def _guard(self, row: int, hold: Hold, contacts: list[int], pressed: float) -> None:
         """Let go of what slips or is no longer pressed; leave what is loaded to friction."""

@@ -155,7 +155,7 @@ class Probes:
     def contact_forces(self) -> dict[str, Array]:
         """Return the net force of contacts and of held objects on each arm, {arm: (3,)} [N]."""
         data, on = self._acted(), self._arm_of_geom
-        total: list[list[float]] = np.zeros((len(self._arms), 3)).tolist()
+        total = [[0.0, 0.0, 0.0] for _ in self._arms]
         if self._welds:  # of the last step, whatever is active now
             equalities: list[int] = data.efc_id[: data.ne].tolist()
             for weld, (finger, _) in self._welds:

@@ -188,7 +188,7 @@ class Probes:
                 if arm >= 0:
                     before = total[arm]
                     total[arm] = [before[0] + sign * x, before[1] + sign * y, before[2] + sign * z]
-        return dict(zip(self._arms, np.array(total), strict=True))
+        return {name: np.array(force) for name, force in zip(self._arms, total, strict=True)}
 
     @cached_property
     def _arm_of_body(self) -> Index:

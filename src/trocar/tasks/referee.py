@@ -148,13 +148,13 @@ class Referee:
             self.ending, self.reason = Ending.SUCCESS, "done"
             return
         faults: list[str] = []
+        heights: list[float] = self.states.positions[:, 2].tolist()
         for name, arm in self._arms.items():
             if arm.runtime.control.states.phase == "FAULT":
                 faults.append(name)
         if faults:
             self.ending, self.reason = Ending.FAILURE, f"{', '.join(faults)}: FAULT"
-        elif self.states.positions[:, 2].min(initial=np.inf) < self._floor:
-            heights = self.states.positions[:, 2].tolist()
+        elif min(heights, default=np.inf) < self._floor:
             lost = [n for n, z in zip(self._rows, heights, strict=True) if z < self._floor]
             self.drops += len(lost)
             self.ending, self.reason = Ending.FAILURE, f"{', '.join(lost)}: out of play"

@@ -428,12 +428,14 @@ class Grasps(Part):
         data, finger = self._data, self._jaws[row].bodies[0]
         found, body = data.contact, int(self._roots[hold.object])
         firsts, sizes = found.efc_address.tolist(), found.dim.tolist()
-        rows = [k for c in contacts for k in range(firsts[c], firsts[c] + sizes[c])]
+        rows: list[int] = []
+        for c in contacts:
+            rows += range(firsts[c], firsts[c] + sizes[c])
         if data.eq_active[weld := int(self._jaws[row].welds[hold.object])]:
             first = int(data.efc_id[: data.ne].searchsorted(weld))  # equalities first, in order
             rows += range(first, first + WELD_ROWS)
-        jacobian = data.efc_J.reshape(-1, self._model.nv)[rows, self._dofs[hold.object]]
-        push = data.efc_force[rows].dot(jacobian)
+        jacobian = data.efc_J.reshape(-1, self._model.nv).take(rows, axis=0)
+        push = data.efc_force.take(rows).dot(jacobian[:, self._dofs[hold.object]])
         facing = data.xmat[finger].reshape(3, 3)
         turn = facing.dot(hold.axes)
         x, y, z = (data.xpos[finger] + facing.dot(hold.centre) - data.xpos[body]).tolist()

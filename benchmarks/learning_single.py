@@ -25,8 +25,8 @@ Array = NDArray[np.float64]
 Row = tuple[str, float, str, float | None]
 
 SCENES = ("needle-reach", "needle-pick", "peg-transfer")
-#: Steps that are measured of each scene and each source of actions, in turn, in so many episodes.
-STEPS, EPISODES = 600, 4
+#: Steps that are measured of each scene and each source of actions, and most of one episode.
+STEPS, LONGEST = 600, 150
 #: Steps for which a random action is kept. Source: our own choice, 0.2 s as SurRoL's.
 KEPT = 10
 #: Largest share of a step of needle-pick outside of the physics. Source: our own goal. [%]
@@ -95,12 +95,13 @@ def measure(
         actions: source of an episode's actions, by its seed; what it takes is not counted
         observe: called after every command
     """
-    cost, watched = Cost(), Cost()
-    for seed in range(EPISODES):
-        most = STEPS * (seed + 1) // EPISODES
+    cost, watched, seed = Cost(), Cost(), 0
+    while cost.steps < STEPS:
+        most = min(cost.steps + LONGEST, STEPS)
         _run(task, seed, actions(seed), observe, cost, most)
         with physics_timed(cost):
             _run(task, seed, actions(seed), observe, watched, most)
+        seed += 1
     return cost
 
 

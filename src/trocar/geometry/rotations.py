@@ -131,10 +131,10 @@ def matrix_from_quaternion(q_wxyz: ArrayLike) -> Array:
         InputError: a quaternion that is not finite or has no length
     """
     q = np.asarray(q_wxyz, dtype=np.float64)
-    if q.shape == (4,):
-        return _matrix_from_quaternion(*q.tolist())
     if q.ndim == 0 or q.shape[-1] != 4:
         raise InputError(f"quaternion: expected shape (..., 4), got {q.shape}")
+    if q.size == 4:
+        return _matrix_from_quaternion(*q.ravel().tolist()).reshape(*q.shape[:-1], 3, 3)
     length = np.linalg.norm(q, axis=-1, keepdims=True)
     if not (np.isfinite(length).all() and (length > 0.0).all()):
         raise InputError(
@@ -197,8 +197,8 @@ def quaternion_from_matrix(R: ArrayLike) -> Array:
     Source: S. W. Shepperd, Quaternion from rotation matrix, J. Guidance and Control 1 (1978).
     """
     m = np.asarray(R, dtype=np.float64)
-    if m.shape == (3, 3):
-        return _quaternion_from_matrix(m)
+    if m.size == 9:
+        return _quaternion_from_matrix(m.reshape(3, 3)).reshape(*m.shape[:-2], 4)
     outer = (m.reshape(-1, 9) @ _OUTER + _OUTER_REST).reshape(-1, 4, 4)
     best = outer.reshape(-1, 16)[:, ::5].argmax(axis=-1)
     q = outer[np.arange(len(outer)), best]

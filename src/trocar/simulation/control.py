@@ -304,8 +304,7 @@ class JointControl:
 
     def servo(self, q: ArrayLike, v: ArrayLike | None, part: slice, verb: str) -> bool:
         """Set positions (and velocities) of some joints now; return whether it was accepted."""
-        if self.streams(q, v, part):
-            self.stream(q, v, part)
+        if self.stream(q, v, part):
             return True
         names = self.joint_names[part]
         target = self.rejections.vector(q, names, verb, "positions")
@@ -326,21 +325,23 @@ class JointControl:
         self.motors.follow()
         return True
 
-    def streams(self, q: ArrayLike, v: ArrayLike | None, part: slice) -> bool:
-        """Return whether some joints simply follow their servos, to these positions too."""
-        m, moves = self.motors, self.moves
-        return (
-            not (moves.profile or moves.drift or self.switched or self.restored)
-            and not (m.brakes or m.welded or np.count_nonzero(m.modes[part]))
-            and self.states.ready
-            and _fit(q, v, self._range[part], self._speeds[part])
-        )
+    def stream(self, q: ArrayLike, v: ArrayLike | None, part: slice) -> bool:
+        """Do so where these joints simply follow their servos, in few calls; else change nothing.
 
-    def stream(self, q: ArrayLike, v: ArrayLike | None, part: slice) -> None:
-        """Set positions and velocities for which `streams` is true."""
-        self.motors.position[part] = q
-        self.motors.velocity[part] = 0.0 if v is None else v
-        self.moves.tracking = False
+        Returns:
+            whether it is done
+        """
+        m, moves = self.motors, self.moves
+        if moves.profile or moves.drift or self.switched or self.restored:
+            return False
+        if m.brakes or m.welded or np.count_nonzero(m.modes[part]) or not self.states.ready:
+            return False
+        if not _fit(q, v, self._range[part], self._speeds[part]):
+            return False
+        m.position[part] = q
+        m.velocity[part] = 0.0 if v is None else v
+        moves.tracking = False
+        return True
 
     def servo_velocity(self, v: ArrayLike, part: slice, verb: str) -> bool:
         """Let set-points go on at velocities until the next command; return whether accepted."""

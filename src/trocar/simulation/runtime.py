@@ -120,27 +120,21 @@ class ArmRuntime:
         """
         self._clock.exchange_tool(self.name, name)
 
-    def servo(self, q: Array, v: Array) -> bool:
+    def stream(self, q: Array, v: Array) -> bool:
         """Set positions and velocities of joints now, the jaw's behind them if given, (n,) each.
 
-        As `Arm.servo_jp` and then `Jaw.servo_jp` do, with their entries, where every joint simply
-        follows its servo; else nothing happens, and it is for these two to accept it or say why.
+        As `Arm.servo_jp` and then `Jaw.servo_jp` do, where every joint simply follows its servo and
+        nobody listens to commands; else nothing changes, and these two do it or say why not.
 
         Returns:
-            whether it was accepted
+            whether it is done
         """
-        control, forces, journal, own = self.control, self.forces, self.journal, self.own.stop
-        part = slice(0, len(q))
+        forces, journal = self.forces, self.journal
         if forces.controllers or forces.orientation is not None or forces.expiry is not None:
             return False
-        if not control.streams(q, v, part):
+        if journal.listeners or journal.inside or not self.control.stream(q, v, slice(0, len(q))):
             return False
-        if not journal.inside and (journal.listeners or not journal.past.incomplete):
-            journal.command(self.name, "servo_jp", {"q": q[:own], "v": v[:own]})
-            if len(q) > own:
-                journal.command(self.name, "jaw.servo_jp", {"q": q[own:], "v": v[own:]})
-        control.stream(q, v, part)
-        journal.revision += 1
+        journal.stream(self.name, q, v, self.own.stop)
         return True
 
     def ended(self, accepted: bool) -> bool:

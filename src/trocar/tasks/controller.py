@@ -167,7 +167,7 @@ class TipController:
         for name, (q, v) in row.items():
             driven = self._driven[name]
             arm, own = driven.arm, driven.own
-            if arm.runtime.servo(q, v):
+            if arm.runtime.stream(q, v):
                 continue
             arm.servo_jp(q[:own], v[:own])
             jaw = arm.jaw if len(q) > own else None

@@ -60,18 +60,19 @@ class Cost:
 @contextmanager
 def physics_timed(cost: Cost) -> Iterator[None]:
     """Add the CPU time of every `mj_step` of this thread to a cost."""
-    step: Callable[..., None] = mujoco.mj_step
+    engine: Any = mujoco
+    step = engine.mj_step
 
     def timed(*arguments: Any) -> None:
         begin = time.thread_time_ns()
         step(*arguments)
         cost.physics += time.thread_time_ns() - begin
 
-    mujoco.mj_step = timed
+    engine.mj_step = timed
     try:
         yield
     finally:
-        mujoco.mj_step = step
+        engine.mj_step = step
 
 
 def random_actions(task: Task, seed: int) -> Iterator[Array]:

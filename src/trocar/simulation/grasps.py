@@ -232,18 +232,19 @@ class Grasps(Part):
             return
         contacts: dict[tuple[int, int], list[int]] = {}  # (jaws, object): contacts
         force: dict[tuple[int, int], float] = {}  # (finger, object): across its face [N]
-        if data.ncon:
-            touching, fingers, objects = data.contact, self._finger_of, self._held_of
-            firsts: list[int] = []
+        touching, fingers, objects = data.contact, self._finger_of, self._held_of
+        geoms: list[tuple[int, int]] = touching.geom.tolist() if data.ncon else []
+        pads: list[tuple[int, int, int]] = []  # contacts of fingers with objects; they are few
+        for k, (one, two) in enumerate(geoms):
+            finger = fingers[one] if fingers[one] >= 0 else fingers[two]
+            held = objects[one] if objects[one] >= 0 else objects[two]
+            if finger >= 0 and held >= 0:
+                pads.append((k, finger, held))
+        if pads:
+            firsts: list[int] = touching.efc_address.tolist()
+            pushes, normals = data.efc_force, touching.frame[:, :3]
             across: dict[int, Array] = {}  # normals of fingers' faces in the world
-            for k, (one, two) in enumerate(touching.geom.tolist()):
-                finger = fingers[one] if fingers[one] >= 0 else fingers[two]
-                held = objects[one] if objects[one] >= 0 else objects[two]
-                if finger < 0 or held < 0:
-                    continue
-                if not firsts:
-                    firsts = touching.efc_address.tolist()
-                    pushes, normals = data.efc_force, touching.frame[:, :3]
+            for k, finger, held in pads:
                 if (first := firsts[k]) < 0:
                     continue
                 contacts.setdefault((finger // 2, held), []).append(k)

@@ -164,30 +164,30 @@ class Probes:
                     on_arm = total[int(self._arm_of_body[finger])]
                     for i, f in enumerate(data.efc_force[first : first + 3].tolist()):
                         on_arm[i] += f
-        touching = data.contact
-        geoms: list[tuple[int, int]] = touching.geom.tolist() if data.ncon else []
-        firsts: list[int] = []
-        for k, (a, b) in enumerate(geoms):  # plain numbers: few contacts are on arms
-            if on[a] < 0 and on[b] < 0:
-                continue
-            if not firsts:
-                firsts, dims = touching.efc_address.tolist(), touching.dim.tolist()
-                frames, pushes = touching.frame.tolist(), data.efc_force.tolist()
-            if (first := firsts[k]) < 0:
-                continue
-            axes: list[float] = frames[k]
-            x = y = z = 0.0
-            # one where a weld holds the object, and pads only press
-            for i, push in enumerate(pushes[first : first + min(dims[k], 3)]):
-                x, y, z = (
-                    x + push * axes[3 * i],
-                    y + push * axes[3 * i + 1],
-                    z + push * axes[3 * i + 2],
-                )
-            for arm, sign in ((on[a], -1.0), (on[b], 1.0)):
-                if arm >= 0:
-                    before = total[arm]
-                    total[arm] = [before[0] + sign * x, before[1] + sign * y, before[2] + sign * z]
+        found = data.contact
+        geoms: list[tuple[int, int]] = found.geom.tolist() if data.ncon else []
+        mine: list[tuple[int, int, int]] = []  # contacts with the arms on both sides; they are few
+        for k, (a, b) in enumerate(geoms):
+            if on[a] >= 0 or on[b] >= 0:
+                mine.append((k, on[a], on[b]))
+        if mine:
+            pushes: list[float] = data.efc_force.tolist()
+            firsts: list[int] = found.efc_address.tolist()
+            dims: list[int] = found.dim.tolist()
+            frames: list[list[float]] = found.frame.tolist()
+            for k, one, other in mine:
+                first, axes, x, y, z = firsts[k], frames[k], 0.0, 0.0, 0.0
+                if first < 0:
+                    continue
+                for i in range(min(dims[k], 3)):  # one where a weld holds it, and pads only press
+                    push = pushes[first + i]
+                    x += push * axes[3 * i]
+                    y += push * axes[3 * i + 1]
+                    z += push * axes[3 * i + 2]
+                for arm, sign in ((one, -1.0), (other, 1.0)):
+                    if arm >= 0:
+                        was = total[arm]
+                        total[arm] = [was[0] + sign * x, was[1] + sign * y, was[2] + sign * z]
         return {name: np.array(force) for name, force in zip(self._arms, total, strict=True)}
 
     @cached_property

@@ -468,19 +468,6 @@ def test_a_pose_out_of_reach_is_refused_anew_where_anything_differs() -> None:
     assert reasons[-1] == reasons[-5]
 
 
-def test_tips_of_all_arms_at_once_are_those_of_each() -> None:
-    for rig, welded in (("full_cart", ()), ("two_psm_ecm", ("PSM2",))):
-        world = World(rig, welded=welded)
-        for arm in world.arms.values():
-            if arm.name not in welded and arm.description.type == "PSM":
-                arm.move_jp(arm.joints.setpoints()[:6] + 0.1)
-        world.step(300)
-        found = world.tip_poses(world.arms)
-        for name, arm in world.arms.items():
-            expected = arm.measured_cp("world").matrix
-            np.testing.assert_allclose(found[name], expected, rtol=0, atol=1e-14)
-
-
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=[pytest.mark.slow] * (n in SEEN)) for n in names("scenes")]
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import zlib
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -859,14 +859,6 @@ class World:
     def reference_pose(self, name: str) -> Array:
         """Return the pose of an arm's reference frame in the world, (4, 4)."""
         return self.frames.reference_pose(name)
-
-    def tip_poses(self, names: Collection[str]) -> dict[str, Array]:
-        """Return measured tips in the world, {arm: (4, 4)}: `measured_cp("world")` of each arm."""
-        frames = self.frames
-        for name in names:
-            if not frames.follows(name):
-                return {name: self.arm(name).measured_cp("world").matrix for name in names}
-        return frames.tip_poses(names)
 
     def base_pose(self, name: str) -> tuple[Array, str]:
         """Return an arm's reference frame in the frame of its public poses, and that one's name."""

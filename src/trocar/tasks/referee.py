@@ -92,7 +92,7 @@ class Referee:
         self.grip = dict.fromkeys(self._arms, 0.0)
         self.time = 0.0
         self.held: dict[str, str] = {}
-        self.tips = self._world.tip_poses(self._arms)
+        self.tips = self._read_tips()
         self._read_at = -1, -1
 
     def read(self) -> None:
@@ -110,7 +110,7 @@ class Referee:
                 self.force[arm] = max(self.force[arm], math.hypot(*force.tolist()))
         if before or self._fell_from:
             self._count_drops(set(before.values()), set(self.held.values()))
-        tips, last = world.tip_poses(self._arms), self.tips
+        tips, last = self._read_tips(), self.tips
         for name, T in tips.items():
             self.distance[name] += math.dist(T[:3, 3].tolist(), last[name][:3, 3].tolist())
         self.tips = tips
@@ -210,7 +210,7 @@ class Referee:
         world = self._world
         if self._read_at == (world.periods, world.journal.revision):
             return self.states, self.tips
-        return world.object_states(), world.tip_poses(self._arms)
+        return world.object_states(), self._read_tips()
 
     def position(self, name: str) -> Array:
         """Return an object's position, as of the last reading, (3,) [m]."""
@@ -222,6 +222,14 @@ class Referee:
         return fls_score(min(self.time, limit), len(self.goals), self.drops, wrong, limit)
 
     # ------------------------------------------------------------------ inside
+
+    def _read_tips(self) -> dict[str, Array]:
+        """Return the measured tips of the driven arms in the world now, {arm: (4, 4)}."""
+        arms, frames = self._arms, self._world.frames
+        for name in arms:
+            if not frames.follows(name):
+                return {name: arm.measured_cp("world").matrix for name, arm in arms.items()}
+        return frames.tip_poses(arms)
 
     def _count_drops(self, before: set[str], now: set[str]) -> None:
         """Count objects that fell since a jaw released them."""

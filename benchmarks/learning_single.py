@@ -12,12 +12,15 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.learning.observations import StateEncoder
+from trocar.learning.readings import read_task
 from trocar.tasks import Task, make_task
 
 Array = NDArray[np.float64]
@@ -127,17 +130,26 @@ def _run(
 
 
 def single() -> list[Row]:
-    """Return the figures of one environment: share and time outside of the physics, steps/s."""
+    """Return the figures of one environment: share and time outside of the physics, steps/s.
+
+    Observations are those of `Task`, and those of networks, here in every period.
+    """
     rows: list[Row] = []
     for scene in SCENES:
         task = make_task(scene)
+        encoder = StateEncoder(task)
         sources: dict[str, Callable[[int], Iterator[Array]]] = {
             "scripted": lambda _, task=task: task.policy(),
             "random": lambda seed, task=task: random_actions(task, seed),
         }
-        for name, actions in sources.items():
-            cost = measure(task, actions, task.observation)
-            title, goal = f"{scene}, {name}", GOAL if scene == "needle-pick" else None
+        observations: dict[str, Callable[[], object]] = {
+            "": task.observation,
+            ", encoded": lambda task=task, encoder=encoder: encoder.encode(read_task(task)),
+        }
+        for (name, actions), (kind, observe) in product(sources.items(), observations.items()):
+            cost = measure(task, actions, observe)
+            title = f"{scene}, {name}{kind}"
+            goal = GOAL if scene == "needle-pick" and not kind else None
             rows += [
                 (f"{title}: share of a step outside of mj_step", cost.share, "%", goal),
                 (f"{title}: time of a step outside of mj_step", cost.outside_us, "us", None),

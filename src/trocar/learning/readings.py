@@ -61,7 +61,7 @@ def read_task(task: Task) -> SceneReadings:
     psms = [name for name in task.arms if world.arms[name].description.type == "PSM"]
     joints = {name: world.arms[name].joints for name in task.arms}
     poses = referee.seen()[1]
-    tips = {name: poses[name] for name in psms}
+    tips = {name: poses[name].copy() for name in psms}
     measured = {name: of.readings()[:2] for name, of in joints.items()}
     goals: list[Array] = []
     achieved: list[Array] = []

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from copy import copy
 from math import degrees
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,8 +26,6 @@ from trocar.simulation.records import Pose, Twist, Wrench, checked_pose
 
 Array = NDArray[np.float64]
 
-Refusal = tuple[Mechanism, bytes, bytes, UnreachableError | SingularError]
-
 FRAMES: tuple[WrenchFrame, ...] = ("body", "spatial")
 #: Names of frames beside those of arms: the rig's own, and the endoscope's optical frame.
 WORLD_FRAME, CAMERA_FRAME = "world", "camera"
@@ -34,6 +34,15 @@ WORLD_FRAME, CAMERA_FRAME = "world", "camera"
 ENTRY_DEPTH_M = SAFE_DEPTH_M - 0.002
 #: A goal missed by more is a warning. Source: our choice. [m or rad]
 MISSED = 1e-5
+
+
+class Refusal(NamedTuple):
+    """The arguments of the last inverse kinematics that failed in closed form, and its error."""
+
+    mechanism: Mechanism
+    pose: bytes
+    seed: bytes
+    problem: UnreachableError | SingularError
 
 
 class Tip:
@@ -52,10 +61,7 @@ class Tip:
     def __init__(self, name: str, clock: ArmWorld) -> None:
         self._name, self._clock = name, clock
         self.placed: tuple[Array, str] | None = None
-        #: Arguments of the last inverse kinematics that failed in closed form, and its error.
-        self._refused: tuple[Mechanism, bytes, bytes, UnreachableError | SingularError] | None = (
-            None
-        )
+        self._refused: Refusal | None = None
 
     def fit(self, control: JointControl) -> None:
         """Set the joints of the mounted tool."""
@@ -267,15 +273,16 @@ class Tip:
                 inside = np.clip(found, lower, upper)
                 if (np.abs(found - inside) <= LIMIT_TOLERANCE).all():
                     return inside
-        if self._refused is not None:  # a policy that pushes against a limit asks again and again
-            asked, pose, seed, problem = self._refused
-            if asked is mechanism and pose == local.tobytes() and seed == start.tobytes():
-                raise problem.with_traceback(None)
+        last = self._refused  # a policy that pushes against a limit asks again and again
+        if last is not None and last.mechanism is mechanism:
+            if last.pose == local.tobytes() and last.seed == start.tobytes():
+                raise copy(last.problem)
             self._refused = None
         try:
             return nearest_solution(mechanism, structure, local, start)
         except (UnreachableError, SingularError) as problem:
-            self._refused = mechanism, local.tobytes(), start.tobytes(), problem
+            # a copy has no traceback, which would keep its callers' variables
+            self._refused = Refusal(mechanism, local.tobytes(), start.tobytes(), copy(problem))
             raise
 
     def solved(self, T: ArrayLike, verb: str, frame: str = "") -> Array | None:

@@ -52,7 +52,8 @@ class Tracking(Part):
         self._before = q, setpoint
         if beyond is None and before:
             moved = setpoint - before[1]
-            if moved.dot(moved) > 0.99 * STEP**2 and abs(moved).max() > STEP:  # the first is quick
+            far = moved.dot(moved) > 0.99 * STEP**2  # quick, and true where any is far
+            if far and abs(moved).max() > STEP:
                 _, beyond = servos.beyond(before[0])
         if beyond is None:
             return

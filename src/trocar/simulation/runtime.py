@@ -124,7 +124,7 @@ class ArmRuntime:
         """Set positions and velocities of joints now, the jaw's behind them if given, (n,) each.
 
         As `Arm.servo_jp` and then `Jaw.servo_jp` do, where every joint simply follows its servo and
-        nobody listens to commands; else nothing changes, and these two do it or say why not.
+        the journal has no listeners; else nothing changes, and these two do it or say why not.
 
         Returns:
             whether it is done

@@ -86,6 +86,20 @@ def test_quaternions_return_through_the_matrix_to_rounding(rng):
     assert (back[:, 0] >= 0).all()
 
 
+def test_one_rotation_is_converted_as_a_row_of_many(rng):
+    R = random_rotations(rng)
+    R = np.concatenate(
+        [R, np.eye(3)[None], np.diag([1.0, -1, -1])[None], np.diag([-1.0, 1, -1])[None]]
+    )
+    q = r.quaternion_from_matrix(R)
+    back = r.matrix_from_quaternion(q)
+    for k in range(len(R)):
+        for one in (slice(k, k + 1), k):
+            assert np.abs(r.quaternion_from_matrix(R[one]) - q[one]).max() < 4e-16
+            assert np.abs(r.matrix_from_quaternion(q[one]) - back[one]).max() < 4e-16
+            assert r.matrix_from_quaternion(q[one]).shape == R[one].shape
+
+
 def test_quaternion_of_a_small_turn_keeps_its_relative_digits():
     for angle in (1e-3, 1e-8, 1e-15, 1e-200):
         q = r.quaternion_from_matrix(r.matrix_from_rotation_vector([0, angle, 0]))

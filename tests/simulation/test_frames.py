@@ -49,3 +49,13 @@ def test_base_frames_are_those_of_the_description_s_own_kinematics() -> None:
             found, named = world.arm(name).local.base_frame()
             assert named == frame
             np.testing.assert_allclose(found, T, atol=1e-6)  # SUJs under load, loops closed
+
+
+def test_tips_of_all_arms_at_once_are_those_of_each(skew_overlay, rng) -> None:
+    for world in (World("full_cart"), moving_world(skew_overlay, rng)):
+        arms = [a for a in world.arms.values() if world.frames.follows(a.name)]
+        arms[-1].move_jp(arms[-1].joints.setpoints()[arms[-1].runtime.own] + 0.05)
+        world.step(100)
+        found = world.frames.tip_poses([arm.name for arm in arms])
+        for arm in arms:
+            np.testing.assert_array_equal(found[arm.name], arm.measured_cp("world").matrix)

@@ -89,6 +89,60 @@ def test_the_same_commands_before_the_same_periods_make_bit_identical_motion():
     np.testing.assert_array_equal(second.mj_data.qvel, first.mj_data.qvel)
 
 
+def streamed(by_verbs: bool) -> World:
+    world = World("psm")
+    arm = world.arm("PSM1")
+    assert arm.jaw is not None
+    for k in range(20):
+        q, v = arm.joints.setpoints() + 0.002 * k, np.full(7, 0.2)
+        own = slice(6) if k % 3 == 2 else slice(7)  # the jaw rests in every third row
+        q, v = q[own], v[own]
+        if by_verbs or not arm.runtime.stream(q, v):
+            arm.servo_jp(q[:6], v[:6])
+            if len(q) > 6:
+                arm.jaw.servo_jp(q[6:], v[6:])
+        q[:] = v[:] = 9.0  # what is kept are copies
+        world.step(10)
+    return world
+
+
+def test_a_row_of_set_points_is_those_of_the_arm_and_of_its_jaw():
+    one, other = streamed(by_verbs=False), streamed(by_verbs=True)
+    np.testing.assert_array_equal(one.mj_data.qpos, other.mj_data.qpos)
+    np.testing.assert_array_equal(one.mj_data.ctrl, other.mj_data.ctrl)
+    kept, expected = one.past.entries, other.past.entries
+    assert [(e.period, e.source, e.name) for e in kept] == [
+        (e.period, e.source, e.name) for e in expected
+    ]
+    for mine, its in zip(kept[1:], expected[1:], strict=True):
+        np.testing.assert_array_equal(mine.values["q"], its.values["q"])
+        np.testing.assert_array_equal(mine.values["v"], its.values["v"])
+
+
+@pytest.mark.parametrize("why", ["beyond", "listened", "moving", "nan", "paused", "effort"])
+def test_a_row_that_verbs_must_look_at_changes_nothing(why: str):
+    world = World("psm")
+    arm = world.arm("PSM1")
+    q, v = arm.joints.setpoints(), np.zeros(7)
+    assert arm.runtime.stream(q, v)
+    if why == "beyond":
+        q[0] = 2.0 * arm.joints.upper[0]
+    elif why == "nan":
+        q[6] = np.nan
+    elif why == "listened":
+        entries_of(world)
+    elif why == "moving":
+        arm.move_jp(q[:6] + 0.1)
+    elif why == "effort":
+        arm.servo_jf(np.zeros(6))
+    else:
+        arm.state_command("pause")
+    before, kept = world.mj_data.ctrl.copy(), len(world.past.entries)
+    assert not arm.runtime.stream(q + 1e-3, v)
+    np.testing.assert_array_equal(world.mj_data.ctrl, before)
+    assert len(world.past.entries) == kept
+
+
 @pytest.mark.parametrize("name", ["measured_js", "motors.place", "nothing", "jaw._control.put"])
 def test_only_verbs_can_be_repeated(name):
     world = World("psm")

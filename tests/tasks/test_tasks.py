@@ -424,6 +424,50 @@ def test_a_class_that_is_no_task_is_rejected(touch: Path) -> None:
 SEEN = ("augmented-reality", "needle-tracking", "visual-servoing")
 
 
+def test_an_observation_is_of_now_whoever_moved_something_since_the_last_look() -> None:
+    task = make_task("needle-pick")
+    world = task.world
+
+    def seen_now() -> dict[str, Any]:
+        found = task.observation()
+        tip = world.arms["PSM1"].measured_cp("world").matrix[:3, 3]
+        np.testing.assert_array_equal(found["PSM1"][:3], tip)
+        np.testing.assert_array_equal(found["needle"][:3], task.object_pose("needle")[:3, 3])
+        return found
+
+    first = seen_now()
+    at = task.object_pose("needle")
+    at[0, 3] += 0.01
+    world.objects["needle"].set_cp(at)  # nobody steps
+    assert seen_now()["needle"][0] == pytest.approx(first["needle"][0] + 0.01, abs=1e-9)
+    task.command(task.stay())
+    first = seen_now()
+    world.arms["PSM1"].move_jp(world.arms["PSM1"].joints.setpoints()[:6] + 0.05)
+    world.step(100)  # somebody else steps
+    assert np.abs(seen_now()["PSM1"] - first["PSM1"]).max() > 1e-3
+
+
+def test_a_pose_out_of_reach_is_refused_anew_where_anything_differs() -> None:
+    task = make_task("needle-pick")
+    controller, T = task.controller, task.controller.target("PSM1")
+    far = T.copy()
+    far[0, 3] += 0.5
+    refused = [controller.farthest("PSM1", far) for _ in range(3)]
+    assert refused == [np.inf] * 3
+    assert controller.farthest("PSM1", T) < 1e-9
+    far[0, 3] -= 0.499
+    assert controller.farthest("PSM1", far) < 0.1
+    # pushing against a limit gives the same reason as long as it lasts
+    push = np.zeros(7)
+    push[2] = 0.2
+    reasons: list[str] = []
+    for _ in range(150):
+        task.command(push)
+        reasons.append(controller.stalls["PSM1"])
+    assert "out of reach" in reasons[-1]
+    assert reasons[-1] == reasons[-5]
+
+
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=[pytest.mark.slow] * (n in SEEN)) for n in names("scenes")]
 )

@@ -131,10 +131,10 @@ def matrix_from_quaternion(q_wxyz: ArrayLike) -> Array:
         InputError: a quaternion that is not finite or has no length
     """
     q = np.asarray(q_wxyz, dtype=np.float64)
-    if q.shape == (4,):
-        return _matrix_from_quaternion(*q.tolist())
     if q.ndim == 0 or q.shape[-1] != 4:
         raise InputError(f"quaternion: expected shape (..., 4), got {q.shape}")
+    if q.size == 4:
+        return _matrix_from_quaternion(*q.ravel().tolist()).reshape(*q.shape[:-1], 3, 3)
     length = np.linalg.norm(q, axis=-1, keepdims=True)
     if not (np.isfinite(length).all() and (length > 0.0).all()):
         raise InputError(
@@ -197,12 +197,33 @@ def quaternion_from_matrix(R: ArrayLike) -> Array:
     Source: S. W. Shepperd, Quaternion from rotation matrix, J. Guidance and Control 1 (1978).
     """
     m = np.asarray(R, dtype=np.float64)
+    if m.size == 9:
+        return _quaternion_from_matrix(m.reshape(3, 3)).reshape(*m.shape[:-2], 4)
     outer = (m.reshape(-1, 9) @ _OUTER + _OUTER_REST).reshape(-1, 4, 4)
     best = outer.reshape(-1, 16)[:, ::5].argmax(axis=-1)
     q = outer[np.arange(len(outer)), best]
     q /= np.sqrt((q * q).sum(axis=-1, keepdims=True))
     q[np.sign(q) @ _LEAD < 0.0] *= -1.0
     return q.reshape(*m.shape[:-2], 4) + 0.0  # no negative zeros
+
+
+def _quaternion_from_matrix(R: Array) -> Array:
+    """Do the same to one matrix, five times as fast."""
+    (a, b, c), (d, e, f), (g, h, i) = R.tolist()
+    diagonal = (a + e + i + 1.0, a - e - i + 1.0, -a + e - i + 1.0, -a - e + i + 1.0)
+    best = diagonal.index(max(diagonal))
+    if best == 0:
+        w, x, y, z = diagonal[0], h - f, c - g, d - b
+    elif best == 1:
+        w, x, y, z = h - f, diagonal[1], b + d, c + g
+    elif best == 2:
+        w, x, y, z = c - g, b + d, diagonal[2], f + h
+    else:
+        w, x, y, z = d - b, c + g, f + h, diagonal[3]
+    length = math.sqrt(w * w + x * x + y * y + z * z)
+    if w < 0.0 or (w == 0.0 and (x < 0.0 or (x == 0.0 and (y < 0.0 or (y == 0.0 and z < 0.0))))):
+        length = -length
+    return np.array([w / length, x / length, y / length, z / length]) + 0.0  # no negative zeros
 
 
 def matrix_from_rotation_vector(v: ArrayLike) -> Array:

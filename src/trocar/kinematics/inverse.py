@@ -162,16 +162,24 @@ def nearest_solution(
     return inverse_kinematics(mechanism, structure, T, seed, platform_angle=platform)[0]
 
 
+def is_chain(mechanism: Mechanism, structure: str) -> bool:
+    """Return whether a mechanism is the chain of a structure: `nearest_solution` needs no start.
+
+    Raises:
+        InputError: it has another structure
+    """
+    return fit_chain(mechanism, structure).deviation <= EXACT
+
+
 def nearest_start(mechanism: Mechanism, structure: str, T: Array, seed: Array) -> Array | None:
     """Find where Newton's method may start in search of `nearest_solution`, (n,).
 
     Returns:
         the solution of the chain that the mechanism nearly is, with room beyond the limits; None
-        where it has none, where the structure has no quick way, or where the mechanism is that
-        chain and `nearest_solution` quick enough
+        where it has none, or where the structure has no quick way
     """
     fit = fit_chain(mechanism, structure)
-    if fit.chain.nearest is None or fit.deviation <= EXACT:
+    if fit.chain.nearest is None:
         return None
     ends = chain_ends(mechanism, structure)
     in_chain = ends.before @ T @ ends.after

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import atan2, copysign, cos, hypot, inf, pi, sin, sqrt
+from math import atan2, copysign, cos, hypot, pi, sin, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,8 +29,10 @@ from trocar.errors import SingularError, UnreachableError
 from trocar.geometry.se3 import check_transform
 from trocar.kinematics.solutions import (
     LIMIT_TOLERANCE,
+    NEAR,
     JointRange,
     Limits,
+    distance_from,
     inside,
     joint_range,
     nearer,
@@ -195,8 +197,10 @@ def nearest_rcm_arm(
         return None
     cx, cy, cz = cx / distance, cy / distance, cz / distance
     wrist_length, shift = geometry.wrist_length, geometry.insertion_offset - geometry.tool_length
-    (_low1, _high1), (_low2, _high2), (low3, high3) = limits[:3]
-    best, found = inf, None
+    low3, high3 = limits[2]
+    (low4, high4), (low5, high5), (low6, high6) = limits[3:]
+    _, _, _, near4, near5, near6 = seed
+    found: tuple[float, ...] | None = None
     for sign in (1.0, -1.0):
         bx, by, bz = sign * cx, sign * cy, sign * cz  # x5
         wx, wy, wz = px - wrist_length * bx, py - wrist_length * by, pz - wrist_length * bz
@@ -205,38 +209,45 @@ def nearest_rcm_arm(
             return None
         ex, ey, ez = by * a22 - bz * a12, bz * a02 - bx * a22, bx * a12 - by * a02  # x5 x z6
         turn = atan2(bx * a00 + by * a10 + bz * a20, ex * a00 + ey * a10 + ez * a20)
-        q6 = nearest_turn(turn, seed[5], limits[5])
-        if q6 is None:
-            continue
+        q6 = turn + 0.0  # where `nearest_turn` has it, too: a call less for most angles
+        if not (abs(turn - near6) < NEAR and low6 <= turn <= high6):
+            q6 = nearest_turn(turn, near6, limits[5])
+            if q6 is None:
+                continue
         for depth in (norm, -norm):
             q3 = depth + shift
             if not low3 - LIMIT_TOLERANCE <= q3 <= high3 + LIMIT_TOLERANCE:
                 continue
             ux, uy, uz = wx / depth, wy / depth, wz / depth
             turn = atan2(-(ux * a02 + uy * a12 + uz * a22), ux * bx + uy * by + uz * bz)
-            q5 = nearest_turn(turn, seed[4], limits[4])
-            if q5 is None:
-                continue
+            q5 = turn + 0.0
+            if not (abs(turn - near5) < NEAR and low5 <= turn <= high5):
+                q5 = nearest_turn(turn, near5, limits[4])
+                if q5 is None:
+                    continue
             level = hypot(ux, uz)
             if level < SHAFT_ON_YAW_AXIS:
                 return None
             yaw, pitch = atan2(ux, -uz), atan2(-uy, level)
             for q1, q2 in ((yaw, pitch), (yaw + pi, pi - pitch)):
-                q1, q2 = nearest_turn(q1, seed[0], limits[0]), nearest_turn(q2, seed[1], limits[1])
+                q1 = nearest_turn(q1, seed[0], limits[0])
+                q2 = None if q1 is None else nearest_turn(q2, seed[1], limits[1])
                 if q1 is None or q2 is None:
                     continue
                 s1, c1, s2, c2 = sin(q1), cos(q1), sin(q2), cos(q2)
                 turn = atan2(ex * s1 * s2 + ey * c2 - ez * c1 * s2, -ex * c1 - ez * s1)
-                q4 = nearest_turn(turn, seed[3], limits[3])
-                if q4 is None:
-                    continue
+                q4 = turn + 0.0
+                if not (abs(turn - near4) < NEAR and low4 <= turn <= high4):
+                    q4 = nearest_turn(turn, near4, limits[3])
+                    if q4 is None:
+                        continue
                 q = (q1, q2, min(max(q3, low3), high3), q4, q5, q6)
-                far = 0.0
-                for a, b, (low, high) in zip(q, seed, limits, strict=True):
-                    far += ((a - b) / (high - low)) ** 2
-                far = sqrt(far)
-                if found is None or nearer(far, q, best, found):
-                    best, found = far, q
+                if found is None:
+                    found = q
+                    continue
+                far = distance_from(seed, q, limits)
+                if nearer(far, q, distance_from(seed, found, limits), found):
+                    found = q
     return found
 
 
@@ -259,7 +270,9 @@ def _branches(geometry: RcmArmGeometry, T: Array) -> _Branches:
     q[..., 0], q[..., 1] = yaw, pitch
     q[..., 2] = depth + geometry.insertion_offset - geometry.tool_length
     x3, y3, _ = shaft_axes(yaw, pitch)
-    z5 = np.cross(x5, z6)
+    a, b, c = x5[..., 0], x5[..., 1], x5[..., 2]
+    x, y, z = z6.tolist()
+    z5 = np.stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=-1)  # x5 x z6
     q[..., 3] = np.arctan2(-np.sum(z5 * x3, axis=-1), np.sum(z5 * y3, axis=-1))
     q[..., 4] = np.arctan2(-u @ z6, np.sum(u * x5, axis=-1))
     q[..., 5] = np.arctan2(x5 @ x6, z5 @ x6)
@@ -382,7 +395,7 @@ def nearest_rcm_scope(
     if level < SHAFT_ON_YAW_AXIS:
         return None
     yaw, pitch = atan2(ux, -uz), atan2(-uy, level)
-    best, found = inf, None
+    found: tuple[float, ...] | None = None
     for q1, q2 in ((yaw, pitch), (yaw + pi, pi - pitch)):
         q1, q2 = nearest_turn(q1, seed[0], limits[0]), nearest_turn(q2, seed[1], limits[1])
         if q1 is None or q2 is None:
@@ -393,12 +406,11 @@ def nearest_rcm_scope(
         if q4 is None:
             continue
         q = (q1, q2, min(max(q3, low3), high3), q4)
-        far = 0.0
-        for a, b, (low, high) in zip(q, seed, limits, strict=True):
-            far += ((a - b) / (high - low)) ** 2
-        far = sqrt(far)
-        if found is None or nearer(far, q, best, found):
-            best, found = far, q
+        if found is None:
+            found = q
+            continue
+        if nearer(distance_from(seed, q, limits), q, distance_from(seed, found, limits), found):
+            found = q
     return found
 
 

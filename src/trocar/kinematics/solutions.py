@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import floor
+from math import floor, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 Limits = Sequence[tuple[float, float]]
 
 TURN = 2.0 * np.pi
+#: An angle that is nearer than this to a seed is so without a whole turn more or less [rad].
+NEAR = 3.0
 
 # Source: our choice. A pose made at a limit comes back beyond it by rounding (1e-15, more near
 # singular poses); this much is taken for the limit, and moves a tip at 0.5 m by 5e-10 m at most.
@@ -151,6 +153,14 @@ def nearest_first(solutions: Array, joints: JointRange, seed: ArrayLike | None) 
     gaps = np.abs(ordered[:, None] - ordered[None, :]).max(axis=-1, initial=0.0)
     repeated = np.tril(gaps < LIMIT_TOLERANCE, k=-1).any(axis=-1)
     return ordered[~repeated]
+
+
+def distance_from(seed: Sequence[float], q: Sequence[float], limits: Limits) -> float:
+    """Return the distance of joint positions from a seed, as `nearest_first` has it."""
+    far = 0.0
+    for a, b, (low, high) in zip(q, seed, limits, strict=True):
+        far += ((a - b) / (high - low)) ** 2
+    return sqrt(far)
 
 
 def nearer(far: float, q: Sequence[float], best: float, found: Sequence[float]) -> bool:

@@ -304,16 +304,7 @@ class JointControl:
 
     def servo(self, q: ArrayLike, v: ArrayLike | None, part: slice, verb: str) -> bool:
         """Set positions (and velocities) of some joints now; return whether it was accepted."""
-        m, moves = self.motors, self.moves
-        if (  # joints that simply follow their servos, in few calls
-            not (moves.profile or moves.drift or self.switched or self.restored)
-            and not (m.brakes or m.welded or np.count_nonzero(m.modes[part]))
-            and self.states.ready
-            and _fit(q, v, self._range[part], self._speeds[part])
-        ):
-            m.position[part] = q
-            m.velocity[part] = 0.0 if v is None else v
-            moves.tracking = False
+        if self.stream(q, v, part):
             return True
         names = self.joint_names[part]
         target = self.rejections.vector(q, names, verb, "positions")
@@ -332,6 +323,24 @@ class JointControl:
             speed = self._slowed(speed, part, verb)
         self.motors.velocity[part] = np.where(moves, speed, 0.0)
         self.motors.follow()
+        return True
+
+    def stream(self, q: ArrayLike, v: ArrayLike | None, part: slice) -> bool:
+        """Do so where these joints simply follow their servos, in few calls; else change nothing.
+
+        Returns:
+            whether it is done
+        """
+        m, moves = self.motors, self.moves
+        if moves.profile or moves.drift or self.switched or self.restored:
+            return False
+        if m.brakes or m.welded or np.count_nonzero(m.modes[part]) or not self.states.ready:
+            return False
+        if not _fit(q, v, self._range[part], self._speeds[part]):
+            return False
+        m.position[part] = q
+        m.velocity[part] = 0.0 if v is None else v
+        moves.tracking = False
         return True
 
     def servo_velocity(self, v: ArrayLike, part: slice, verb: str) -> bool:

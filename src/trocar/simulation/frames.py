@@ -7,7 +7,7 @@ as the measured joints have them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import cached_property
 
@@ -141,9 +141,10 @@ class Frames:
 
     def bodies(self) -> mujoco.MjData:
         """Compute bodies where the physics has them now; valid until the next call of this."""
-        self._bodies.qpos[:] = self._qpos
-        mujoco.mj_kinematics(self._model, self._bodies)
-        return self._bodies
+        bodies = self._bodies
+        bodies.qpos[:] = self._true_qpos if self._errors is None else self._errors.qpos()
+        mujoco.mj_kinematics(self._model, bodies)
+        return bodies
 
     def tips(self) -> mujoco.MjData:
         """Compute frames where the measured joints have them; valid until the next pose."""
@@ -151,9 +152,10 @@ class Frames:
 
     def _pose(self, name: str = "", q: Array | None = None) -> mujoco.MjData:
         """Put frames where the measured joints have them, one arm at other joints (n,) if given."""
-        np.dot(self._project, self._qpos, out=self._shown)
+        qpos = self._true_qpos if self._errors is None else self._errors.qpos()
+        np.dot(self._project, qpos, out=self._shown)
         for linkage in self._skew:
-            linkage.close(self._qpos, self._shown)
+            linkage.close(qpos, self._shown)
         if q is not None:
             self._shown[self._table.arms[name].qpos] = self._linkages[name].at(q)[0]
         mujoco.mj_kinematics(self._model, self._posed)
@@ -230,6 +232,16 @@ class Frames:
         """Return an arm's tip in the world, (4, 4)."""
         self._pose()
         return self._tip[name].pose()
+
+    def tip_poses(self, names: Iterable[str]) -> dict[str, Array]:
+        """Return tips of arms that `follows` in the world, {arm: (4, 4)}, in one go."""
+        self._pose()
+        found: dict[str, Array] = {}
+        for name in names:
+            T = found[name] = IDENTITY.copy()
+            site = self._tip[name]
+            T[:3, :3], T[:3, 3] = site.turn, site.at
+        return found
 
     def remote_centres(self, bodies: mujoco.MjData | None = None) -> dict[str, Array]:
         """Return the remote centre of every arm that has one, in the world, (3,) [m].

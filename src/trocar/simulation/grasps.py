@@ -232,27 +232,34 @@ class Grasps(Part):
             return
         contacts: dict[tuple[int, int], list[int]] = {}  # (jaws, object): contacts
         force: dict[tuple[int, int], float] = {}  # (finger, object): across its face [N]
-        if data.ncon:
-            touching, pushes, turns = data.contact, data.efc_force, data.xmat.reshape(-1, 3, 3)
-            rows = zip(touching.geom.tolist(), touching.efc_address.tolist(), strict=True)
-            fingers, objects = self._finger_of, self._held_of
-            for k, ((one, two), first) in enumerate(rows):
-                finger = fingers[one] if fingers[one] >= 0 else fingers[two]
-                if finger < 0 or first < 0:
+        touching, fingers, objects = data.contact, self._finger_of, self._held_of
+        geoms: list[tuple[int, int]] = touching.geom.tolist() if data.ncon else []
+        pads: list[tuple[int, int, int]] = []  # contacts of fingers with objects; they are few
+        for k, (one, two) in enumerate(geoms):
+            finger = fingers[one] if fingers[one] >= 0 else fingers[two]
+            held = objects[one] if objects[one] >= 0 else objects[two]
+            if finger >= 0 and held >= 0:
+                pads.append((k, finger, held))
+        if pads:
+            firsts: list[int] = touching.efc_address.tolist()
+            pushes, normals = data.efc_force, touching.frame[:, :3]
+            across: dict[int, Array] = {}  # normals of fingers' faces in the world
+            for k, finger, held in pads:
+                if (first := firsts[k]) < 0:
                     continue
-                held = objects[one] if objects[one] >= 0 else objects[two]
-                if held >= 0:
-                    contacts.setdefault((finger // 2, held), []).append(k)
-                    body, face = self._faces[int(finger)]  # its edges do not press
-                    squeeze = float(pushes[first] * (touching.frame[k, :3] @ turns[body].dot(face)))
-                    force[finger, held] = force.get((finger, held), 0.0) + abs(squeeze)
+                contacts.setdefault((finger // 2, held), []).append(k)
+                if finger not in across:
+                    body, face = self._faces[finger]  # its edges do not press
+                    across[finger] = data.xmat[body].reshape(3, 3).dot(face)
+                squeeze = float(pushes[first] * normals[k].dot(across[finger]))
+                force[finger, held] = force.get((finger, held), 0.0) + abs(squeeze)
         for row in range(len(self._jaws)):
             if (hold := self._holds[row]) is None:
                 self._watch(row, contacts, force)
             else:
                 pressed = force.get((2 * row + 1, hold.object), 0.0)
                 self._guard(row, hold, contacts.get((row, hold.object), []), pressed)
-        self._pressing = bool(self._looks.any())
+        self._pressing = np.count_nonzero(self._looks) > 0  # any() takes 1 us
 
     def _guard(self, row: int, hold: Hold, contacts: list[int], pressed: float) -> None:
         """Let go of what slips or is no longer pressed; leave what is loaded to friction."""
@@ -422,12 +429,14 @@ class Grasps(Part):
         data, finger = self._data, self._jaws[row].bodies[0]
         found, body = data.contact, int(self._roots[hold.object])
         firsts, sizes = found.efc_address.tolist(), found.dim.tolist()
-        rows = [k for c in contacts for k in range(firsts[c], firsts[c] + sizes[c])]
+        rows: list[int] = []
+        for c in contacts:
+            rows += range(firsts[c], firsts[c] + sizes[c])
         if data.eq_active[weld := int(self._jaws[row].welds[hold.object])]:
             first = int(data.efc_id[: data.ne].searchsorted(weld))  # equalities first, in order
             rows += range(first, first + WELD_ROWS)
-        jacobian = data.efc_J.reshape(-1, self._model.nv)[rows, self._dofs[hold.object]]
-        push = data.efc_force[rows].dot(jacobian)
+        jacobian = data.efc_J.reshape(-1, self._model.nv).take(rows, axis=0)
+        push = data.efc_force.take(rows).dot(jacobian[:, self._dofs[hold.object]])
         facing = data.xmat[finger].reshape(3, 3)
         turn = facing.dot(hold.axes)
         x, y, z = (data.xpos[finger] + facing.dot(hold.centre) - data.xpos[body]).tolist()
@@ -437,7 +446,8 @@ class Grasps(Part):
         force, torque = push[:3].dot(turn).tolist(), torque.dot(turn).tolist()
         both = max(right + max(right + force[2], 0.0), 1e-9)
         sliding = (force[0] ** 2 + force[1] ** 2) / hold.friction**2
-        turning = sum((t / at) ** 2 for t, at in zip(torque, hold.levers.tolist(), strict=True))
+        a, b, c = hold.levers.tolist()
+        turning = (torque[0] / a) ** 2 + (torque[1] / b) ** 2 + (torque[2] / c) ** 2
         return sqrt(sliding + turning) / both, hypot(fx, fy, fz)
 
     def _grasp(self, found: int | None, force: float, load: float = 0.0) -> Grasp:

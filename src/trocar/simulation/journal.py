@@ -100,6 +100,23 @@ class Journal:
         if self.listeners:
             self._send("command", source, name, values)
 
+    def stream(self, source: str, q: NDArray[Any], v: NDArray[Any], own: int) -> None:
+        """Keep set-points of an arm as its commands "servo_jp" and "jaw.servo_jp".
+
+        Args:
+            source: name of the arm
+            q, v: positions and velocities, (n,) each; copied
+            own: number of its joints, behind which the jaw's is
+        """
+        self.revision += 1
+        past = self.past
+        if past.incomplete:
+            return
+        q, v = q.copy(), v.copy()
+        past.keep(self.period, self.time, source, "servo_jp", {"q": q[:own], "v": v[:own]})
+        if len(q) > own and not past.incomplete:
+            past.keep(self.period, self.time, source, "jaw.servo_jp", {"q": q[own:], "v": v[own:]})
+
     def _send(
         self,
         kind: Literal["command", "event"],

@@ -83,6 +83,9 @@ class ObjectKinematics:
         ]
         self._free = [k for k, row in enumerate(joints) if row.kind == "free"]
         rows = [(row.qpos.start, row.qvel.start) for row in joints if row.kind == "free"]
+        #: Coordinates of joints that have none of one number.
+        self._nan = np.full((len(joints), 2), np.nan)
+        self._nan.setflags(write=False)
         first, rate = np.array(rows, np.intp).reshape(-1, 2).T
         self._places, self._rates = first[:, None] + np.arange(7), rate[:, None] + np.arange(6)
 
@@ -104,7 +107,7 @@ class ObjectKinematics:
             qpos: MuJoCo's coordinates, (nq,)
             qvel: their rates, (nv,)
         """
-        places, free = qpos[self._places], qvel[self._rates]
+        places, free = qpos.take(self._places), qvel.take(self._rates)
         if len(self._free) == len(self.joints):
             return places, free
         found = np.empty((len(self.joints), 6))
@@ -132,7 +135,9 @@ class ObjectKinematics:
 
     def coordinates(self, qpos: Array, qvel: Array) -> Array:
         """Return coordinate and rate of each hinge or slide, NaN of other joints, (n, 2)."""
-        found = np.full((len(self.joints), 2), np.nan)
+        if not self._scalars:
+            return self._nan
+        found = self._nan.copy()
         for k, at, rate in self._scalars:
             found[k] = qpos[at], qvel[rate]
         return found

@@ -275,6 +275,7 @@ class Objects(Part):
     def __init__(self, rig: RigDescription, journal: Journal, grasps: Grasps) -> None:
         self._rig = rig
         self.by_name = {prop.name: SceneObject(prop, journal, grasps) for prop in rig.objects}
+        self._names = tuple(self.by_name)
 
     def attach(self, physics: Attached) -> None:
         """Take the physics that the objects are in."""
@@ -284,10 +285,10 @@ class Objects(Part):
 
     def states(self) -> ObjectStates:
         """Return poses and velocities of all of them."""
-        at, v = self.kinematics.motion(self._data.qpos, self._data.qvel)
-        joint = self.kinematics.coordinates(self._data.qpos, self._data.qvel)
-        parts = at[:, :3], at[:, 3:], v[:, :3], v[:, 3:], joint
-        return ObjectStates(tuple(self.by_name), float(self._data.time), *parts)
+        qpos, qvel = self._data.qpos, self._data.qvel
+        at, v = self.kinematics.motion(qpos, qvel)
+        parts = at[:, :3], at[:, 3:], v[:, :3], v[:, 3:], self.kinematics.coordinates(qpos, qvel)
+        return ObjectStates(self._names, float(self._data.time), *parts)
 
 
 def _checked_points(name: str, points: ArrayLike) -> Array:

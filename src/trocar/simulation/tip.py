@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from copy import copy
 from math import degrees
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.errors import InputError, UnknownNameError, UnreachableError
+from trocar.errors import InputError, SingularError, UnknownNameError, UnreachableError
 from trocar.geometry.se3 import inverse, pose_difference
 from trocar.kinematics.chain_pose import chain_pose
-from trocar.kinematics.inverse import POSE_TOLERANCE, nearest_solution, nearest_start
+from trocar.kinematics.inverse import POSE_TOLERANCE, is_chain, nearest_solution, nearest_start
 from trocar.kinematics.inverse_rcm import DIRECTION_TOLERANCE
 from trocar.kinematics.jacobian import jacobian_body, jacobian_spatial
+from trocar.kinematics.mechanism import Mechanism
 from trocar.kinematics.robot_inverse import SAFE_DEPTH_M, robot_solution
 from trocar.kinematics.solutions import LIMIT_TOLERANCE
 from trocar.simulation.control import ArmWorld, JointControl
@@ -33,6 +36,15 @@ ENTRY_DEPTH_M = SAFE_DEPTH_M - 0.002
 MISSED = 1e-5
 
 
+class Refusal(NamedTuple):
+    """The arguments of the last inverse kinematics that failed in closed form, and its error."""
+
+    mechanism: Mechanism
+    pose: bytes
+    seed: bytes
+    problem: UnreachableError | SingularError
+
+
 class Tip:
     """Readings of an arm's tip from the present state, and the joints that bring it to a pose.
 
@@ -49,6 +61,7 @@ class Tip:
     def __init__(self, name: str, clock: ArmWorld) -> None:
         self._name, self._clock = name, clock
         self.placed: tuple[Array, str] | None = None
+        self._refused: Refusal | None = None
 
     def fit(self, control: JointControl) -> None:
         """Set the joints of the mounted tool."""
@@ -251,7 +264,7 @@ class Tip:
         """
         structure, mechanism = self._arm.inverse_kinematics, self._arm.mechanism
         frames = self._clock.frames
-        if frames.follows(self._name):
+        if not is_chain(mechanism, structure) and frames.follows(self._name):
             near = nearest_start(mechanism, structure, local, start)
             tolerance = DIRECTION_TOLERANCE if structure == "rcm_scope" else POSE_TOLERANCE
             found = None if near is None else frames.reach(self._name, local, near, tolerance)
@@ -260,7 +273,17 @@ class Tip:
                 inside = np.clip(found, lower, upper)
                 if (np.abs(found - inside) <= LIMIT_TOLERANCE).all():
                     return inside
-        return nearest_solution(mechanism, structure, local, start)
+        last = self._refused  # a policy that pushes against a limit asks again and again
+        if last is not None and last.mechanism is mechanism:
+            if last.pose == local.tobytes() and last.seed == start.tobytes():
+                raise copy(last.problem)
+            self._refused = None
+        try:
+            return nearest_solution(mechanism, structure, local, start)
+        except (UnreachableError, SingularError) as problem:
+            # a copy has no traceback, which would keep its callers' variables
+            self._refused = Refusal(mechanism, local.tobytes(), start.tobytes(), copy(problem))
+            raise
 
     def solved(self, T: ArrayLike, verb: str, frame: str = "") -> Array | None:
         """Compute the joints of a commanded pose, clipped to their limits, (n,).

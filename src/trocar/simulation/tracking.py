@@ -50,8 +50,11 @@ class Tracking(Part):
         q, beyond = servos.beyond()
         setpoint = servos.setpoint[:, 0].copy()
         self._before = q, setpoint
-        if beyond is None and before and abs(setpoint - before[1]).max() > STEP:
-            _, beyond = servos.beyond(before[0])
+        if beyond is None and before:
+            moved = setpoint - before[1]
+            far = moved.dot(moved) > 0.99 * STEP**2  # quick, and true where any is far
+            if far and abs(moved).max() > STEP:
+                _, beyond = servos.beyond(before[0])
         if beyond is None:
             return
         for arm in self._physics.arms.values():

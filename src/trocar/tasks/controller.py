@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isfinite
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -48,7 +49,8 @@ class _Driven:
         arm: of the world
         part: of an action
         own: number of its joints without the jaw
-        fastest, tolerances: of a PSM's joints without the jaw, (n,) [rad/s or m/s, rad or m]
+        travels, leads: of a PSM's joints without the jaw: most motion in a period, and most lead
+            over the measured joints, n each [rad or m]
         T_arm_world: the world in the frame of an arm that stands in it, which never moves; None of
             an arm on another one
     """
@@ -56,8 +58,8 @@ class _Driven:
     arm: Arm
     part: slice
     own: int
-    fastest: Array
-    tolerances: Array
+    travels: tuple[float, ...]
+    leads: tuple[float, ...]
     T_arm_world: Array | None
 
 
@@ -101,8 +103,8 @@ class TipController:
                 arm,
                 slice(begin, len(high)),
                 arm.description.own_joints,
-                np.array([joint.velocity_max for joint in joints]),
-                np.array([joint.tracking_tolerance for joint in joints]),
+                tuple(joint.velocity_max * PERIOD_S for joint in joints),
+                tuple(LAG * joint.tracking_tolerance for joint in joints),
                 inverse(world.reference_pose(name)) if name in standing else None,
             )
         self.limits: tuple[Array, Array] = np.array(low), np.array(high)
@@ -137,7 +139,9 @@ class TipController:
             values = np.asarray(action, np.float64)
         except (TypeError, ValueError, OverflowError):
             values = np.full(1, np.nan)
-        if values.shape != high.shape or not np.isfinite(values).all():
+        if values.shape != high.shape or not (
+            isfinite(values.dot(values)) or np.isfinite(values).all()  # the first is quick
+        ):
             raise InputError(
                 f"{self._label}: got the action {action!r}; allowed: {len(high)} finite numbers"
             )
@@ -150,10 +154,12 @@ class TipController:
             before = self._joints[name]
             after = self._joints[name] = self._next(name, driven, values[driven.part])
             change, own = after - before, driven.own
-            part = slice(None) if change[own:].any() else slice(own)
-            for k, row in enumerate(rows if change.any() else rows[:1], 1):
-                q, v = before + (k / count) * change, change / PERIOD_S
-                row[name] = (q, v) if k == 1 else (q[part], v[part])
+            v = change / PERIOD_S
+            rows[0][name] = before + (1 / count) * change, v
+            if np.count_nonzero(change):  # any() takes 1 us
+                part = slice(None) if np.count_nonzero(change[own:]) else slice(own)
+                for k in range(2, count + 1):
+                    rows[k - 1][name] = (before + (k / count) * change)[part], v[part]
         return rows
 
     def drive(self, row: Row) -> None:
@@ -161,6 +167,8 @@ class TipController:
         for name, (q, v) in row.items():
             driven = self._driven[name]
             arm, own = driven.arm, driven.own
+            if arm.runtime.stream(q, v):
+                continue
             arm.servo_jp(q[:own], v[:own])
             jaw = arm.jaw if len(q) > own else None
             if jaw is not None:
@@ -210,19 +218,19 @@ class TipController:
 
     def _next(self, name: str, driven: _Driven, values: Array) -> Array:
         """Return an arm's set-points after an action, those before where it cannot go on."""
-        arm, before = driven.arm, self._joints[name]
-        if arm.description.type != "PSM":
-            return np.clip(before + values * PERIOD_S, arm.joints.lower, arm.joints.upper)
-        after, measured, reason = before.copy(), arm.joints.positions(), ""
-        if values[:6].any():
+        run, before = driven.arm.runtime, self._joints[name]
+        if run.description.type != "PSM":
+            return np.clip(before + values * PERIOD_S, run.control.lower, run.control.upper)
+        after, measured, reason = before.copy(), run.motors.positions(), ""
+        if np.count_nonzero(values[:6]):
             reason = self._onward(name, driven, after, measured, values[:6])
             self.stalled[name] += PERIOD_S if reason else 0.0
         self.stalls[name] = reason
-        opening = float(values[6])
+        opening, jaw = float(values[6]), float(before[-1])
         if opening < 0.0:
             opening = max(opening, float(measured[-1]) - GRIP_RAD)
         fastest = JAW_RAD_S * PERIOD_S
-        after[-1] = before[-1] + min(max(opening - before[-1], -fastest), fastest)
+        after[-1] = jaw + min(max(opening - jaw, -fastest), fastest)
         return after
 
     def _onward(self, name: str, driven: _Driven, q: Array, measured: Array, twist: Array) -> str:
@@ -234,29 +242,33 @@ class TipController:
             measured: its joints, (n,)
             twist: of the tip, (6,)
         """
-        joints, reason = driven.arm.description.joints, ""
+        joints, reason, now = driven.arm.description.joints, "", q.tolist()
         for _ in range(2):
             goal = self._targets[name].copy()
             goal[:3, 3] += twist[:3] * PERIOD_S
-            if twist[3:].any():
+            if np.count_nonzero(twist[3:]):
                 turn = matrix_from_rotation_vector(twist[3:] * PERIOD_S)
                 goal[:3, :3] = turn @ goal[:3, :3]
             try:
                 after = self._inverse(driven, goal, q)
             except (UnreachableError, SingularError) as problem:
                 return str(problem)
-            haste = np.abs(after - q[:-1]) / (driven.fastest * PERIOD_S)
-            if (worst := float(haste.max())) <= 1.0:
+            ahead, worst, fastest = after.tolist(), 0.0, 0
+            for k, most in enumerate(driven.travels):
+                haste = abs(ahead[k] - now[k]) / most
+                if haste > worst:
+                    worst, fastest = haste, k
+            if worst <= 1.0:
                 break
             twist = twist * (SLOWED / worst)
-            reason = f"{joints[int(haste.argmax())].name} would move too fast"
+            reason = f"{joints[fastest].name} would move too fast"
         else:
             return reason
-        ahead = np.abs(after - measured[:-1])
-        if (beyond := ahead > LAG * driven.tolerances).any():
-            pushed = beyond & (ahead > np.abs(q[:-1] - measured[:-1]))
-            if pushed.any():
-                return f"{joints[int(pushed.argmax())].name} is held back"
+        for k, (there, here, most) in enumerate(
+            zip(ahead, measured.tolist(), driven.leads, strict=False)
+        ):
+            if (lead := abs(there - here)) > most and lead > abs(now[k] - here):
+                return f"{joints[k].name} is held back"
         self._targets[name], q[:-1] = goal, after
         return ""
 
@@ -265,4 +277,4 @@ class TipController:
         own = driven.T_arm_world
         if own is None:
             own = inverse(self.world.reference_pose(driven.arm.name))
-        return driven.arm.local.inverse_kinematics(own @ T, near[:-1])
+        return driven.arm.runtime.tip.local_inverse_kinematics(own @ T, near[:-1])

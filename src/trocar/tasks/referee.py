@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions.scenes import Goal, Scene
+from trocar.simulation.objects import ObjectStates
 from trocar.tasks.controller import TipController
 from trocar.tasks.scoring import fls_score
 
@@ -55,7 +56,7 @@ class Referee:
         remarks: of the policy, about what it could not do; they stand in the reason
         time: of the last reading [s]
         states: of all objects, then
-        tips: of the driven arms in the world, then, {arm: (3,)} [m]
+        tips: poses of the driven arms' tips in the world, then, {arm: (4, 4)}
         held: objects that both fingers press, then, {arm: object}
         distance: length of each tip's path, {arm: length} [m]
         force: largest net force of contacts on each arm, {arm: force} [N]
@@ -91,13 +92,13 @@ class Referee:
         self.grip = dict.fromkeys(self._arms, 0.0)
         self.time = 0.0
         self.held: dict[str, str] = {}
-        self.tips = {
-            name: arm.measured_cp("world").matrix[:3, 3] for name, arm in self._arms.items()
-        }
+        self.tips = self._read_tips()
+        self._read_at = -1, -1
 
     def read(self) -> None:
         """Read objects, grasps, forces and tips, and count drops; once in every period."""
         world, before = self._world, self.held
+        self._read_at = world.periods, world.journal.revision
         self.states = world.object_states()
         self.time, self.held = self.states.time, {}
         for arm, grasp in world.grasps().items():
@@ -109,10 +110,10 @@ class Referee:
                 self.force[arm] = max(self.force[arm], math.hypot(*force.tolist()))
         if before or self._fell_from:
             self._count_drops(set(before.values()), set(self.held.values()))
-        for name, arm in self._arms.items():
-            tip = arm.measured_cp("world").matrix[:3, 3]
-            self.distance[name] += math.dist(tip.tolist(), self.tips[name].tolist())
-            self.tips[name] = tip
+        tips, last = self._read_tips(), self.tips
+        for name, T in tips.items():
+            self.distance[name] += math.dist(T[:3, 3].tolist(), last[name][:3, 3].tolist())
+        self.tips = tips
 
     def judge(
         self, met: Callable[[Goal, Array], bool], accomplished: Callable[[bool, bool], bool]
@@ -147,13 +148,13 @@ class Referee:
             self.ending, self.reason = Ending.SUCCESS, "done"
             return
         faults: list[str] = []
+        heights: list[float] = self.states.positions[:, 2].tolist()
         for name, arm in self._arms.items():
-            if arm.operating_state().state == "FAULT":
+            if arm.runtime.control.states.phase == "FAULT":
                 faults.append(name)
         if faults:
             self.ending, self.reason = Ending.FAILURE, f"{', '.join(faults)}: FAULT"
-        elif self.states.positions[:, 2].min(initial=np.inf) < self._floor:
-            heights = self.states.positions[:, 2].tolist()
+        elif min(heights, default=np.inf) < self._floor:
             lost = [n for n, z in zip(self._rows, heights, strict=True) if z < self._floor]
             self.drops += len(lost)
             self.ending, self.reason = Ending.FAILURE, f"{', '.join(lost)}: out of play"
@@ -177,11 +178,9 @@ class Referee:
             at = self.place(goal, at)
         if goal.arm and not goal.held:
             tip = self.tips.get(goal.arm)
-            off = (
-                self._world.arms[goal.arm].measured_cp("world").matrix[:3, 3]
-                if tip is None
-                else tip
-            ) - at
+            if tip is None:
+                tip = self._world.arms[goal.arm].measured_cp("world").matrix
+            off = tip[:3, 3] - at
             if goal.object:
                 off -= self.states.positions[self._rows[goal.object]]
         else:
@@ -206,6 +205,13 @@ class Referee:
         T = self._world.object(goal.on).measured_cp().matrix
         return T[:3, :3] @ at + T[:3, 3]
 
+    def seen(self) -> tuple[ObjectStates, Mapping[str, Array]]:
+        """Return objects and poses of the driven arms' tips now: read again if anything moved."""
+        world = self._world
+        if self._read_at == (world.periods, world.journal.revision):
+            return self.states, self.tips
+        return world.object_states(), self._read_tips()
+
     def position(self, name: str) -> Array:
         """Return an object's position, as of the last reading, (3,) [m]."""
         return self.states.positions[self._rows[name]]
@@ -216,6 +222,14 @@ class Referee:
         return fls_score(min(self.time, limit), len(self.goals), self.drops, wrong, limit)
 
     # ------------------------------------------------------------------ inside
+
+    def _read_tips(self) -> dict[str, Array]:
+        """Return the measured tips of the driven arms in the world now, {arm: (4, 4)}."""
+        arms, frames = self._arms, self._world.frames
+        for name in arms:
+            if not frames.follows(name):
+                return {name: arm.measured_cp("world").matrix for name, arm in arms.items()}
+        return frames.tip_poses(arms)
 
     def _count_drops(self, before: set[str], now: set[str]) -> None:
         """Count objects that fell since a jaw released them."""

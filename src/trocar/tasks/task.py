@@ -174,20 +174,23 @@ class Task:
             the scene's hidden objects and goals on them
         """
         found: dict[str, Array] = {}
+        states, tips = self.referee.seen()
+        hidden, place = self.scene.hidden, self.referee.place
         for name in self.arms:
-            arm = self.world.arms[name]
-            q = arm.joints.positions()
+            arm = self.world.arms[name].runtime
+            q = arm.motors.positions()
             if arm.description.type == "PSM":
-                T = arm.measured_cp("world").matrix
+                T = tips[name]
                 found[name] = np.concatenate([T[:3, 3], quaternion_from_matrix(T[:3, :3]), q[-1:]])
             else:
                 found[name] = q
-        states, hidden = self.world.object_states(), self.scene.hidden
         for row, name in enumerate(states.names):
             if name not in hidden:
                 found[name] = np.concatenate([states.positions[row], states.quaternions[row]])
-        place = self.referee.place
-        seen = [place(goal, at) for goal, at in self.goals if goal.on not in hidden]
+        seen: list[Array] = []
+        for goal, at in self.referee.goals:
+            if goal.on not in hidden:
+                seen.append(place(goal, at) if goal.on else at)
         found["goals"] = np.array(seen).reshape(-1, 3)
         found["time"] = np.array([self.world.time])
         return found

@@ -7,19 +7,18 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.learning.films import Film, FilmWriter, Image
 from trocar.learning.readings import SceneReadings, read_task
 from trocar.recording import record
-from trocar.rendering.film import video
 from trocar.tasks import Episode, Task
 from trocar.tasks.controller import PERIOD_S
 
 Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
 #: Returns the actions of a policy from a task that was reset, as `Task.policy` yields them.
 Script = Callable[[Task], Iterator[Array]]
 
@@ -28,29 +27,6 @@ Script = Callable[[Task], Iterator[Array]]
 MEMORY = 0.9
 #: Second number of the noise's random seed, beside that of the episode. Source: our own choice.
 STREAM = 1
-#: Quality of a film, see `video`, and pictures between two that are stored whole. Source: CRF 20,
-#: and the distance of 2 with which LeRobot writes, so that single pictures are read fast.
-QUALITY, KEYFRAMES = 6.0, 2
-
-
-@dataclass(frozen=True, eq=False)
-class Film:
-    """Images of an episode, one at the beginning of each period.
-
-    Attributes:
-        mp4: H.264, at the rate of the periods
-        size: width, height [px]
-        count: number of images
-        low, high, mean, std: of red, green and blue over all pixels, (3,), from 0 to 1
-    """
-
-    mp4: bytes
-    size: tuple[int, int]
-    count: int
-    low: Array
-    high: Array
-    mean: Array
-    std: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,24 +90,22 @@ def record_episode(
         if recorder is not None:
             stack.enter_context(recorder)
         reels = {
-            name: _Reel(capture, folder / f"{number}.mp4")
-            for number, (name, capture) in enumerate((cameras or {}).items())
+            name: (capture, stack.enter_context(FilmWriter(1.0 / PERIOD_S)))
+            for name, capture in (cameras or {}).items()
         }
-        for reel in reels.values():
-            stack.callback(reel.close)
         task.reset(seed)
         steps = (script or type(task).policy)(task)
         while not task.done:
             readings.append(read_task(task))
-            for reel in reels.values():
-                reel.take()
+            for capture, reel in reels.values():
+                reel.add(capture())
             action = next(steps, None)
             actions.append(task.stay() if action is None else np.asarray(action, np.float64))
             push = MEMORY * push + noise * scale * rng.standard_normal(len(scale))
             pushes.append(np.zeros(len(scale)) + push)
             rewards.append(task.command(actions[-1] + push if noise else actions[-1]))
         readings.append(read_task(task))
-        films = {name: reel.film() for name, reel in reels.items()}
+        films = {name: reel.film() for name, (_, reel) in reels.items()}
         if recorder is not None:
             recorder.stop()
         recording = (folder / "episode.mcap").read_bytes() if mcap else b""
@@ -154,8 +128,8 @@ def joined(readings: Sequence[SceneReadings]) -> SceneReadings:
         if one.name == "names":
             parts[one.name] = values[0]
         elif isinstance(values[0], Mapping):
-            keys: Mapping[str, Any] = values[0]
-            parts[one.name] = {key: np.concatenate([value[key] for value in values]) for key in keys}
+            first = cast(Mapping[str, Any], values[0])
+            parts[one.name] = {k: np.concatenate([value[k] for value in values]) for k in first}
         else:
             parts[one.name] = np.concatenate(values)
     return SceneReadings(**parts)
@@ -169,45 +143,3 @@ def _scale(task: Task) -> Array:
         if task.world.arms[name].description.type == "PSM":
             scale[begin - 1] = 0.0
     return scale
-
-
-class _Reel:
-    """Writes the images of a camera into a file, and sums their colours."""
-
-    def __init__(self, capture: Callable[[], Image], path: Path) -> None:
-        self._capture, self._path = capture, path
-        self._stack = ExitStack()
-        self._add: Callable[[Image], None] | None = None
-        self._size, self._count, self._pixels = (0, 0), 0, 0
-        self._low, self._high = np.ones(3), np.zeros(3)
-        self._sum, self._squares = np.zeros(3), np.zeros(3)
-
-    def take(self) -> None:
-        """Add the image of now."""
-        image = self._capture()
-        if self._add is None:
-            self._size = image.shape[1], image.shape[0]
-            self._add = self._stack.enter_context(
-                video(
-                    self._path, self._size, 1.0 / PERIOD_S, quality=QUALITY, keyframes=KEYFRAMES
-                )
-            )
-        self._add(image)
-        colours = image.reshape(-1, 3) / 255.0
-        self._count, self._pixels = self._count + 1, self._pixels + len(colours)
-        self._low = np.minimum(self._low, colours.min(axis=0))
-        self._high = np.maximum(self._high, colours.max(axis=0))
-        self._sum += colours.sum(axis=0)
-        self._squares += (colours**2).sum(axis=0)
-
-    def film(self) -> Film:
-        """End the file and return it."""
-        self.close()
-        mean = self._sum / self._pixels
-        std = np.sqrt(np.maximum(self._squares / self._pixels - mean**2, 0.0))
-        data = self._path.read_bytes()
-        return Film(data, self._size, self._count, self._low, self._high, mean, std)
-
-    def close(self) -> None:
-        """End the file."""
-        self._stack.close()

@@ -24,6 +24,9 @@ Array = NDArray[np.float64]
 #: Returns an action from an observation.
 Policy = Callable[[dict[str, Array]], ArrayLike]
 Result = TypeVar("Result")
+#: Returns the actions of an episode from its task, after the reset, one every 20 ms; to run on
+#: workers, it can be pickled.
+Script = Callable[[Task], Iterator[Array]]
 
 #: Time within which an own policy must return an action. Source: our own choice. [s]
 PATIENCE_S = 10.0
@@ -33,11 +36,17 @@ EARLY_S = 1e-6
 ATTEMPTS = 3
 
 
+def scripted(task: Task) -> Iterator[Array]:
+    """Return the actions of a task's own policy: the `Script` of each scene that has one."""
+    return task.policy()
+
+
 def run_episode(
     task: Task,
     seed: int,
     policy: Policy | None = None,
     *,
+    script: Script = scripted,
     duration_s: float = float("inf"),
     watch: Callable[[float], None] = lambda _: None,
 ) -> Episode:
@@ -46,8 +55,8 @@ def run_episode(
     Args:
         task: reset first
         seed: of the episode
-        policy: returns an action from an observation; None: the scripted policy of the task, after
-            whose end the arms stay where they are
+        policy: returns an action from an observation; None: `script` drives
+        script: returns the actions of the episode, after whose end the arms stay where they are
         duration_s: simulated time after which the episode is stopped, `reason` "running" [s]
         watch: called with the time of the episode after each action [s]
 
@@ -56,10 +65,10 @@ def run_episode(
         DivergedError: the simulation diverged
     """
     seen = task.reset(seed)
-    script = task.policy() if policy is None else iter(())
+    actions = script(task) if policy is None else iter(())
     while not task.done and task.time < duration_s - EARLY_S:
         if policy is None:
-            action: ArrayLike | None = next(script, None)
+            action: ArrayLike | None = next(actions, None)
             action = task.stay() if action is None else action
         else:
             begin = time.perf_counter()
@@ -82,13 +91,14 @@ def play(
     workers: int = 1,
     cluster: str = "",
     *,
+    script: Script = scripted,
     duration_s: float = float("inf"),
     watch: Callable[[float], None] = lambda _: None,
 ) -> Iterator[Episode]:
-    """Yield the scripted episodes of seeds in their order, as each is known.
+    """Yield the episodes of seeds in their order, as each is known.
 
-    Each follows from scene and seed alone, wherever it runs. The episode of a worker that dies is
-    run again; no other is.
+    Each follows from scene, seed and script alone, wherever it runs. The episode of a worker that
+    dies is run again; no other is.
 
     Args:
         scene: a scene, its name, or the path of its file
@@ -96,6 +106,7 @@ def play(
         workers: processes; 1: this one
         cluster: address of a Ray cluster that has trocar installed, "local" for one of `workers`
             processes on this machine; "" for none
+        script: returns the actions of an episode
         duration_s: simulated time after which an episode is stopped [s]
         watch: called with the time of the episode that runs in this process [s]
 
@@ -108,10 +119,10 @@ def play(
     if workers == 1 and not cluster:
         task = make_task(scene)
         for seed in seeds:
-            yield run_episode(task, seed, duration_s=duration_s, watch=watch)
+            yield run_episode(task, seed, script=script, duration_s=duration_s, watch=watch)
         return
     label = scene if isinstance(scene, str) else scene.name
-    run = functools.partial(_episode, scene, duration_s=duration_s)
+    run = _Series(scene, script, duration_s).episode
     yield from each_seed(run, seeds, label, workers, cluster)
 
 
@@ -146,6 +157,19 @@ def each_seed(
         pool.close()
 
 
+@dataclass(frozen=True)
+class _Series:
+    """What episodes of different seeds have in common; see `play`."""
+
+    scene: Scene | str
+    script: Script
+    duration_s: float
+
+    def episode(self, seed: int) -> Episode:
+        """Run an episode in a process that has perhaps run others of the scene before."""
+        return run_episode(_task(self.scene), seed, script=self.script, duration_s=self.duration_s)
+
+
 def _on_cluster(
     run: Callable[[int], Result], seeds: Sequence[int], label: str, address: str, workers: int
 ) -> Iterator[Result]:
@@ -166,8 +190,9 @@ def _on_cluster(
         allowed = "HOST:PORT of a Ray cluster, or local"
         raise InputError(f"--cluster: got {address!r}: {problem}; allowed: {allowed}") from None
     try:
-        remote = ray.remote(_run).options(max_retries=ATTEMPTS - 1)
-        answers = [remote.remote(run, seed) for seed in seeds]
+        remote = ray.remote(_call).options(max_retries=ATTEMPTS - 1)
+        shared = ray.put(run)
+        answers = [remote.remote(shared, seed) for seed in seeds]
         for seed, due in zip(seeds, answers, strict=True):
             try:
                 yield ray.get(due)
@@ -181,15 +206,10 @@ def _on_cluster(
         ray.shutdown()
 
 
-def _episode(scene: Scene | str, seed: int, duration_s: float) -> Episode:
-    """Run an episode in a process that has perhaps run others of the scene before."""
-    return run_episode(_task(scene), seed, duration_s=duration_s)
-
-
 _task = functools.cache(make_task)
 
 
-def _run(run: Callable[[int], Result], seed: int) -> Result:
+def _call(run: Callable[[int], Result], seed: int) -> Result:
     return run(seed)
 
 

@@ -16,7 +16,7 @@ import tomli_w
 
 from trocar import __version__
 from trocar.descriptions.catalogue import load_scene
-from trocar.errors import InputError, TrocarError
+from trocar.errors import InputError, MissingExtraError, TrocarError
 from trocar.learning.features import SceneFeatures, SetpointPlans
 from trocar.learning.networks import EnsembleSettings, TemporalEnsemble, make_perceptron
 from trocar.learning.policies import PolicyFile, TrainedPolicy, save_policy
@@ -397,7 +397,7 @@ def test_missing_safetensors_name_the_extra(
 ) -> None:
     path = edited(lambda _: None, tmp_path, task)
     monkeypatch.setitem(sys.modules, "safetensors.numpy", None)
-    with pytest.raises(InputError, match=r"safetensors, which is not installed: pip install"):
+    with pytest.raises(MissingExtraError, match=r"safetensors, which is not installed: pip inst"):
         PolicyFile(path)
 
 

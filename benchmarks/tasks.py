@@ -174,4 +174,3 @@ def figures(results: Sequence[Episode], cpu_s: float, step_s: float) -> list[Fig
             source="processor time over that of mj_step of a PSM, on any machine",
         ),
     ]
-

@@ -13,7 +13,22 @@ def episode(success: bool, time_s: float, force: float, reason: str = "done") ->
     each = {"PSM1": 1.0, "PSM2": 2.0}
     forces = {"PSM1": force, "PSM2": 0.5}
     return Episode(
-        "s", 0, success, reason, 1.0, time_s, 1, 1, 2, each, forces, each, each, "friction", "cad", ""
+        "s",
+        0,
+        success,
+        reason,
+        1.0,
+        time_s,
+        1,
+        1,
+        2,
+        each,
+        forces,
+        each,
+        each,
+        "friction",
+        "cad",
+        "",
     )
 
 

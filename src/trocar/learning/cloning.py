@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from trocar.errors import InputError, MissingExtraError
 from trocar.learning.features import SceneFeatures, SetpointPlans
-from trocar.learning.networks import EnsembleSettings, Network, make_network
+from trocar.learning.networks import EnsembleSettings, Perceptron, make_perceptron
 from trocar.learning.readings import SceneReadings, read_task
 from trocar.tasks import Task
 
@@ -141,7 +141,7 @@ def clone(
     settings: CloneSettings,
     device: str = "cpu",
     watch: Watch = lambda _step, _steps, _loss: None,
-) -> Network:
+) -> Perceptron:
     """Train a network from features to plans; on one thread, so that a seed gives one network.
 
     Args:
@@ -168,7 +168,7 @@ def clone(
             layers = _trained(torch, x, y, settings, device, watch)
     finally:
         torch.set_num_threads(threads)
-    return make_network(layers, "gelu", inputs=(x_mean, x_std), outputs=(y_mean, y_std))
+    return make_perceptron(layers, "gelu", inputs=(x_mean, x_std), outputs=(y_mean, y_std))
 
 
 def torch_on(device: str) -> Any:

@@ -99,7 +99,7 @@ def test_an_unknown_activation_is_one_error() -> None:
 def test_goal_differences_are_zero_at_the_goal() -> None:
     goal = np.array([[0.3, -0.2, 0.1]])
     found = goal_difference([[1.0, 2.0]], goal, goal)
-    np.testing.assert_array_equal(found, np.float32([[1.0, 2.0, 0, 0, 0, 0, 0, 0]]))
+    np.testing.assert_array_equal(found, np.array([[1.0, 2.0, 0, 0, 0, 0, 0, 0]], np.float32))
     found = goal_difference([[1.0, 2.0]], goal, goal + np.array([0.1, 0.0, 0.0]))
     np.testing.assert_allclose(found[0, [2, 5]], [0.5, np.tanh(2.5)], rtol=1e-6)
 
@@ -130,7 +130,7 @@ def test_an_ensemble_weighs_the_oldest_plan_most(task: Task) -> None:
     plans, features = SetpointPlans(task), SceneFeatures(task)
     of = random_network((features.size, 3 * plans.width), outputs=(0.0, 1e-2))
     ensemble = TemporalEnsemble(of, settings, task)
-    seen, made = [], []
+    seen, made, action = [], [], np.zeros((1, 7))
     for _ in range(4):
         now = read_task(task)
         seen.append(now)

@@ -23,6 +23,9 @@ from trocar.tasks.task import Episode, Task
 Array = NDArray[np.float64]
 #: Returns an action from an observation.
 Policy = Callable[[dict[str, Array]], ArrayLike]
+#: Returns the actions of an episode from its task, after the reset, one every 20 ms; to run on
+#: workers, it can be pickled.
+Script = Callable[[Task], Iterator[Array]]
 
 #: Time within which an own policy must return an action. Source: our own choice. [s]
 PATIENCE_S = 10.0
@@ -32,11 +35,17 @@ EARLY_S = 1e-6
 ATTEMPTS = 3
 
 
+def scripted(task: Task) -> Iterator[Array]:
+    """Return the actions of a task's own policy: the `Script` of each scene that has one."""
+    return task.policy()
+
+
 def run_episode(
     task: Task,
     seed: int,
     policy: Policy | None = None,
     *,
+    script: Script = scripted,
     duration_s: float = float("inf"),
     watch: Callable[[float], None] = lambda _: None,
 ) -> Episode:
@@ -45,8 +54,8 @@ def run_episode(
     Args:
         task: reset first
         seed: of the episode
-        policy: returns an action from an observation; None: the scripted policy of the task, after
-            whose end the arms stay where they are
+        policy: returns an action from an observation; None: `script` drives
+        script: returns the actions of the episode, after whose end the arms stay where they are
         duration_s: simulated time after which the episode is stopped, `reason` "running" [s]
         watch: called with the time of the episode after each action [s]
 
@@ -55,10 +64,10 @@ def run_episode(
         DivergedError: the simulation diverged
     """
     seen = task.reset(seed)
-    script = task.policy() if policy is None else iter(())
+    actions = script(task) if policy is None else iter(())
     while not task.done and task.time < duration_s - EARLY_S:
         if policy is None:
-            action: ArrayLike | None = next(script, None)
+            action: ArrayLike | None = next(actions, None)
             action = task.stay() if action is None else action
         else:
             begin = time.perf_counter()
@@ -81,13 +90,14 @@ def play(
     workers: int = 1,
     cluster: str = "",
     *,
+    script: Script = scripted,
     duration_s: float = float("inf"),
     watch: Callable[[float], None] = lambda _: None,
 ) -> Iterator[Episode]:
-    """Yield the scripted episodes of seeds in their order, as each is known.
+    """Yield the episodes of seeds in their order, as each is known.
 
-    Each follows from scene and seed alone, wherever it runs. The episode of a worker that dies is
-    run again; no other is.
+    Each follows from scene, seed and script alone, wherever it runs. The episode of a worker that
+    dies is run again; no other is.
 
     Args:
         scene: a scene, its name, or the path of its file
@@ -95,6 +105,7 @@ def play(
         workers: processes; 1: this one
         cluster: address of a Ray cluster that has trocar installed, "local" for one of `workers`
             processes on this machine; "" for none
+        script: returns the actions of an episode
         duration_s: simulated time after which an episode is stopped [s]
         watch: called with the time of the episode that runs in this process [s]
 
@@ -105,22 +116,35 @@ def play(
     if workers < 1:
         raise InputError(f"workers: got {workers}; allowed: 1 or more")
     if cluster:
-        yield from _on_cluster(scene, seeds, cluster, workers, duration_s)
+        yield from _on_cluster(_Series(scene, script, duration_s), seeds, cluster, workers)
         return
     if workers == 1:
         task = make_task(scene)
         for seed in seeds:
-            yield run_episode(task, seed, duration_s=duration_s, watch=watch)
+            yield run_episode(task, seed, script=script, duration_s=duration_s, watch=watch)
         return
-    pool = _Pool(scene, list(seeds), min(workers, len(seeds)), duration_s)
+    pool = _Pool(_Series(scene, script, duration_s), list(seeds), min(workers, len(seeds)))
     try:
         yield from pool.results()
     finally:
         pool.close()
 
 
+@dataclass(frozen=True)
+class _Series:
+    """What episodes of different seeds have in common; see `play`."""
+
+    scene: Scene | str
+    script: Script
+    duration_s: float
+
+    def episode(self, seed: int) -> Episode:
+        """Run an episode in a process that has perhaps run others of the scene before."""
+        return run_episode(_task(self.scene), seed, script=self.script, duration_s=self.duration_s)
+
+
 def _on_cluster(
-    scene: Scene | str, seeds: Sequence[int], address: str, workers: int, duration_s: float
+    series: _Series, seeds: Sequence[int], address: str, workers: int
 ) -> Iterator[Episode]:
     """Yield the episodes of seeds, run by a Ray cluster."""
     try:
@@ -139,8 +163,9 @@ def _on_cluster(
         allowed = "HOST:PORT of a Ray cluster, or local"
         raise InputError(f"--cluster: got {address!r}: {problem}; allowed: {allowed}") from None
     try:
-        run = ray.remote(_episode).options(max_retries=ATTEMPTS - 1)
-        answers = [run.remote(scene, seed, duration_s) for seed in seeds]
+        run = ray.remote(_Series.episode).options(max_retries=ATTEMPTS - 1)
+        shared = ray.put(series)
+        answers = [run.remote(shared, seed) for seed in seeds]
         for seed, due in zip(seeds, answers, strict=True):
             try:
                 yield ray.get(due)
@@ -148,15 +173,10 @@ def _on_cluster(
                 raise TrocarError(str(problem.cause)) from None
             except ray.exceptions.RayError as problem:
                 raise TrocarError(
-                    f"{scene}: seed {seed}: the worker died {ATTEMPTS} times: {problem}"
+                    f"{series.scene}: seed {seed}: the worker died {ATTEMPTS} times: {problem}"
                 ) from None
     finally:
         ray.shutdown()
-
-
-def _episode(scene: Scene | str, seed: int, duration_s: float) -> Episode:
-    """Run an episode in a process that has perhaps run others of the scene before."""
-    return run_episode(_task(scene), seed, duration_s=duration_s)
 
 
 _task = functools.cache(make_task)
@@ -173,10 +193,9 @@ class _Worker:
 class _Pool:
     """Processes that each run one episode at a time."""
 
-    scene: Scene | str
+    series: _Series
     seeds: list[int]
     count: int
-    duration_s: float
     workers: list[_Worker] = field(default_factory=list[_Worker])
 
     def results(self) -> Iterator[Episode]:
@@ -219,9 +238,7 @@ class _Pool:
             return None
         context = multiprocessing.get_context("spawn")
         here, there = context.Pipe()
-        process = context.Process(
-            target=_work, args=(self.scene, there, self.duration_s), daemon=True
-        )
+        process = context.Process(target=_work, args=(self.series, there), daemon=True)
         process.start()
         there.close()
         self.workers.append(_Worker(process, here))
@@ -239,7 +256,8 @@ class _Pool:
             worker.connection.close()
             worker.process.join()
             if begun[index] == ATTEMPTS:
-                name = self.scene if isinstance(self.scene, str) else self.scene.name
+                scene = self.series.scene
+                name = scene if isinstance(scene, str) else scene.name
                 raise TrocarError(
                     f"{name}: seed {self.seeds[index]}: the worker died {ATTEMPTS} times, the"
                     f" last time with exit code {worker.process.exitcode}"
@@ -252,11 +270,11 @@ class _Pool:
         found[index] = answer
 
 
-def _work(scene: Scene | str, connection: Connection[Any, Any], duration_s: float) -> None:
+def _work(series: _Series, connection: Connection[Any, Any]) -> None:
     """Run episodes as their seeds arrive, in a process of its own."""
     try:
         while True:
-            connection.send(_episode(scene, connection.recv(), duration_s))
+            connection.send(series.episode(connection.recv()))
     except (EOFError, KeyboardInterrupt):
         return
     except TrocarError as problem:

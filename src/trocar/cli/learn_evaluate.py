@@ -47,6 +47,7 @@ def run(args: Namespace) -> int:
     from trocar.learning.evaluation import summarise
     from trocar.learning.policies import PolicyFile
     from trocar.tasks import Task, play
+    from trocar.tasks.play import scripted
     from trocar.tasks.registry import task_class
 
     scene = _scene(args)
@@ -55,7 +56,7 @@ def run(args: Namespace) -> int:
         file.check(scene)
     scripts: list[tuple[str, Any]] = [(file.name, file.script) for file in files]
     if task_class(scene).policy is not Task.policy or not files:
-        scripts.append(("scripted", None))
+        scripts.append(("scripted", scripted))
     seeds = range(args.first_seed, args.first_seed + args.seeds)
     found: list[Evaluation] = []
     with progress_bar("episodes") as draw:

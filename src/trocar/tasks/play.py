@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
-from typing import Any, cast
+from typing import Any, Generic, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,6 +26,7 @@ Policy = Callable[[dict[str, Array]], ArrayLike]
 #: Returns the actions of an episode from its task, after the reset, one every 20 ms; to run on
 #: workers, it can be pickled.
 Script = Callable[[Task], Iterator[Array]]
+Result = TypeVar("Result")
 
 #: Time within which an own policy must return an action. Source: our own choice. [s]
 PATIENCE_S = 10.0
@@ -113,40 +114,51 @@ def play(
         InputError: no such scene, workers below 1, no such cluster
         TrocarError: what an episode raised, or its worker died three times
     """
-    if workers < 1:
-        raise InputError(f"workers: got {workers}; allowed: 1 or more")
-    if cluster:
-        yield from _on_cluster(_Series(scene, script, duration_s), seeds, cluster, workers)
-        return
-    if workers == 1:
+    if workers == 1 and not cluster:
         task = make_task(scene)
         for seed in seeds:
             yield run_episode(task, seed, script=script, duration_s=duration_s, watch=watch)
         return
-    pool = _Pool(_Series(scene, script, duration_s), list(seeds), min(workers, len(seeds)))
+    label = scene if isinstance(scene, str) else scene.name
+    run = functools.partial(_episode, scene, script, duration_s=duration_s)
+    yield from each_seed(run, seeds, label, workers, cluster)
+
+
+def each_seed(
+    run: Callable[[int], Result],
+    seeds: Sequence[int],
+    label: str,
+    workers: int = 1,
+    cluster: str = "",
+) -> Iterator[Result]:
+    """Yield the results of seeds in their order, computed in processes, as each is known.
+
+    Args:
+        run: returns the result of a seed; it and its results can be pickled
+        seeds: of the episodes
+        label: of error messages
+        workers, cluster: as for `play`
+
+    Raises:
+        InputError: workers below 1, no such cluster
+        TrocarError: what a run raised, or its worker died three times
+    """
+    if workers < 1:
+        raise InputError(f"workers: got {workers}; allowed: 1 or more")
+    if cluster:
+        yield from _on_cluster(run, seeds, label, cluster, workers)
+        return
+    pool = _Pool(run, list(seeds), label, min(workers, len(seeds)))
     try:
         yield from pool.results()
     finally:
         pool.close()
 
 
-@dataclass(frozen=True)
-class _Series:
-    """What episodes of different seeds have in common; see `play`."""
-
-    scene: Scene | str
-    script: Script
-    duration_s: float
-
-    def episode(self, seed: int) -> Episode:
-        """Run an episode in a process that has perhaps run others of the scene before."""
-        return run_episode(_task(self.scene), seed, script=self.script, duration_s=self.duration_s)
-
-
 def _on_cluster(
-    series: _Series, seeds: Sequence[int], address: str, workers: int
-) -> Iterator[Episode]:
-    """Yield the episodes of seeds, run by a Ray cluster."""
+    run: Callable[[int], Result], seeds: Sequence[int], label: str, address: str, workers: int
+) -> Iterator[Result]:
+    """Yield the results of seeds, computed by a Ray cluster."""
     try:
         import ray as installed  # pyright: ignore[reportMissingImports]
     except ImportError:
@@ -163,9 +175,9 @@ def _on_cluster(
         allowed = "HOST:PORT of a Ray cluster, or local"
         raise InputError(f"--cluster: got {address!r}: {problem}; allowed: {allowed}") from None
     try:
-        run = ray.remote(_Series.episode).options(max_retries=ATTEMPTS - 1)
-        shared = ray.put(series)
-        answers = [run.remote(shared, seed) for seed in seeds]
+        remote = ray.remote(_run).options(max_retries=ATTEMPTS - 1)
+        shared = ray.put(run)
+        answers = [remote.remote(shared, seed) for seed in seeds]
         for seed, due in zip(seeds, answers, strict=True):
             try:
                 yield ray.get(due)
@@ -173,13 +185,22 @@ def _on_cluster(
                 raise TrocarError(str(problem.cause)) from None
             except ray.exceptions.RayError as problem:
                 raise TrocarError(
-                    f"{series.scene}: seed {seed}: the worker died {ATTEMPTS} times: {problem}"
+                    f"{label}: seed {seed}: the worker died {ATTEMPTS} times: {problem}"
                 ) from None
     finally:
         ray.shutdown()
 
 
+def _episode(scene: Scene | str, script: Script, seed: int, duration_s: float) -> Episode:
+    """Run an episode in a process that has perhaps run others of the scene before."""
+    return run_episode(_task(scene), seed, script=script, duration_s=duration_s)
+
+
 _task = functools.cache(make_task)
+
+
+def _run(run: Callable[[int], Result], seed: int) -> Result:
+    return run(seed)
 
 
 @dataclass
@@ -190,19 +211,20 @@ class _Worker:
 
 
 @dataclass
-class _Pool:
+class _Pool(Generic[Result]):
     """Processes that each run one episode at a time."""
 
-    series: _Series
+    run: Callable[[int], Result]
     seeds: list[int]
+    label: str
     count: int
     workers: list[_Worker] = field(default_factory=list[_Worker])
 
-    def results(self) -> Iterator[Episode]:
-        """Yield the episodes in the order of the seeds."""
+    def results(self) -> Iterator[Result]:
+        """Yield the results in the order of the seeds."""
         waiting = list(range(len(self.seeds)))[::-1]
         begun = [0] * len(self.seeds)
-        found: dict[int, Episode] = {}
+        found: dict[int, Result] = {}
         due = 0
         while due < len(self.seeds):
             self._assign(waiting, begun)
@@ -238,14 +260,14 @@ class _Pool:
             return None
         context = multiprocessing.get_context("spawn")
         here, there = context.Pipe()
-        process = context.Process(target=_work, args=(self.series, there), daemon=True)
+        process = context.Process(target=_work, args=(self.run, there), daemon=True)
         process.start()
         there.close()
         self.workers.append(_Worker(process, here))
         return self.workers[-1]
 
     def _receive(
-        self, worker: _Worker, waiting: list[int], begun: list[int], found: dict[int, Episode]
+        self, worker: _Worker, waiting: list[int], begun: list[int], found: dict[int, Result]
     ) -> None:
         """Take a worker's result; replace a worker that died and run its episode again."""
         index = worker.index or 0
@@ -256,10 +278,8 @@ class _Pool:
             worker.connection.close()
             worker.process.join()
             if begun[index] == ATTEMPTS:
-                scene = self.series.scene
-                name = scene if isinstance(scene, str) else scene.name
                 raise TrocarError(
-                    f"{name}: seed {self.seeds[index]}: the worker died {ATTEMPTS} times, the"
+                    f"{self.label}: seed {self.seeds[index]}: the worker died {ATTEMPTS} times, the"
                     f" last time with exit code {worker.process.exitcode}"
                 ) from None
             waiting.append(index)
@@ -270,11 +290,11 @@ class _Pool:
         found[index] = answer
 
 
-def _work(series: _Series, connection: Connection[Any, Any]) -> None:
+def _work(run: Callable[[int], object], connection: Connection[Any, Any]) -> None:
     """Run episodes as their seeds arrive, in a process of its own."""
     try:
         while True:
-            connection.send(series.episode(connection.recv()))
+            connection.send(run(connection.recv()))
     except (EOFError, KeyboardInterrupt):
         return
     except TrocarError as problem:

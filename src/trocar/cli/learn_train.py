@@ -96,7 +96,13 @@ def run(args: Namespace) -> int:
 
 
 def _clone(args: Namespace, folder: RunFolder) -> tuple[TrainedPolicy, dict[str, Any]]:
-    from trocar.learning.cloning import CloneSettings, clone, demonstrate, ensemble
+    from trocar.learning.cloning import (
+        CloneSettings,
+        clone,
+        demonstrate,
+        ensemble,
+        read_demonstrations,
+    )
     from trocar.learning.features import SceneFeatures
     from trocar.learning.policies import TrainedPolicy
     from trocar.tasks import make_task
@@ -105,11 +111,9 @@ def _clone(args: Namespace, folder: RunFolder) -> tuple[TrainedPolicy, dict[str,
     settings = replace(CloneSettings(), seed=args.seed)
     if args.data is None:
         with progress_bar("episodes") as draw:
-            shown = demonstrate(task, range(count), settings.length, lambda n: draw(n, count))
+            shown = demonstrate(task, range(count), settings, watch=lambda n: draw(n, count))
     else:
-        from trocar.learning.cloning import read_demonstrations
-
-        shown = read_demonstrations(args.data, task, settings.length)
+        shown = read_demonstrations(args.data, task, settings)
     rows = len(shown.inputs)
     if args.epochs is not None:
         settings = replace(settings, steps=args.epochs * max(1, rows // settings.batch))

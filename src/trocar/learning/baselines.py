@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from trocar.errors import MissingExtraError, UnknownNameError
 from trocar.learning.cloning import torch_on
-from trocar.learning.networks import NEAR_WAY, WAY, Perceptron, goal_difference, make_perceptron
+from trocar.learning.networks import NEAR_WAY, WAY, goal_difference, make_perceptron
 from trocar.learning.policies import TrainedPolicy
 from trocar.learning.scene_env import SceneEnv
 from trocar.learning.task_env import TaskEnv
@@ -169,7 +169,7 @@ def _sac_her(torch: Any, sb3: Any, scene: str, settings: ActorSettings, device: 
 
         def __init__(self, space: Any) -> None:
             goal = space["achieved_goal"].shape[0]
-            super().__init__(space, space["observation"].shape[0] + 2 * goal)
+            super().__init__(space, space["observation"].shape[0] + 2 * goal)  # pyright: ignore[reportUnknownMemberType]  of Any
 
         def forward(self, seen: Any) -> Any:
             way = seen["desired_goal"] - seen["achieved_goal"]

@@ -53,7 +53,7 @@ POSE_PARTS = ("x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class EvenMotion:
     """An uninterrupted motion in a recording, at even times.
 
     Attributes:
@@ -92,8 +92,8 @@ def export(
 
     A recording is an episode, and one more begins wherever its time goes back (the world was
     reset). Rows are at even times: joints between two samples are filled in evenly, poses are those
-    of the nearest sample. The action is the set-points at the next row; where there are none, the
-    measured joints.
+    of the nearest sample. The action is the set-points at the next row, or the measured joints of
+    a recording without set-points.
 
     Args:
         recordings: bags of arms or recordings of worlds, all of the same arms and objects
@@ -226,7 +226,7 @@ class _Streams:
         """Arms and objects, for messages."""
         return ", ".join((*self.arms, *self.objects))
 
-    def motions(self, rate_hz: int) -> Iterator[Motion]:
+    def motions(self, rate_hz: int) -> Iterator[EvenMotion]:
         """Yield the motions of at least two rows and the one after."""
         times = {
             **{name: part[0] for name, part in self._joints.items()},
@@ -248,9 +248,9 @@ class _Streams:
             v = np.concatenate([part[:, 1] for part in measured], axis=1)
             goal = np.concatenate([part[:, 0] for part in goals], axis=1)
             tips, objects = self._nearest(self._tips, even), self._nearest(self._objects, even)
-            yield Motion(q, v, goal, tips, objects)
+            yield EvenMotion(q, v, goal, tips, objects)
 
-    def columns(self, motion: Motion) -> dict[str, NDArray[Any]]:
+    def columns(self, motion: EvenMotion) -> dict[str, NDArray[Any]]:
         """Return the columns of an episode; the last row of a motion is only its action's."""
         count = len(motion.joints) - 1
         columns = {

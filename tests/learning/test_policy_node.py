@@ -111,8 +111,14 @@ def test_missing_or_broken_messages_stop_the_node(
     client.close()
 
 
-def test_a_scene_with_a_thread_is_one_error() -> None:
+@pytest.mark.parametrize(
+    ("scene", "prop"),
+    [("thread-handover", "thread"), ("dynamic-pendulum", "pendulum"), ("suturing", "pad")],
+)
+def test_a_scene_whose_state_no_pose_has_is_one_error(scene: str, prop: str) -> None:
     client = ServedClient()
-    with pytest.raises(InputError, match=r"thread-handover: the object .* allowed: scenes of free"):
-        PolicyNode(client, make_task("thread-handover"), scripted)
+    with pytest.raises(
+        InputError, match=rf"{scene}: \w*{prop}\w* is on .* allowed: scenes of free"
+    ):
+        PolicyNode(client, make_task(scene), scripted)
     client.close()

@@ -34,8 +34,8 @@ class PolicyNode:
 
     A copy of the scene is put where the robot and its objects are, every 20 ms: the policy reads
     the copy, and limits, inverse kinematics and the count of goals are those of the simulation.
-    Goals are those of a seed. Where nobody publishes the object in a jaw, as on a real robot, the
-    contacts in the copy determine it.
+    Goals are those of a seed. Without a topic of the object in a jaw, as on a real robot, contacts
+    in the copy determine it.
 
     Args:
         client: of the topics, started
@@ -50,14 +50,13 @@ class PolicyNode:
     def __init__(self, client: RosClient, task: Task, script: Script, seed: int = 0) -> None:
         self._client, self._task, self._script, self._seed = client, task, script, seed
         rig = task.world.rig
-        self._objects: list[str] = []
-        for prop in rig.objects:
-            if prop.joint is not None or prop.thread is not None:
+        for prop in rig.props:
+            if any(of is not None for of in (prop.joint, prop.thread, prop.tissue)):
                 raise InputError(
-                    f"{task.scene.name}: the object {prop.name} is on a joint or a thread; allowed:"
-                    " scenes of free, rigid objects"
+                    f"{task.scene.name}: {prop.name} is on a joint, a thread or tissue, whose state"
+                    " no pose has; allowed: scenes of free, rigid objects"
                 )
-            self._objects.append(prop.name)
+        self._objects = [prop.name for prop in rig.objects]
         self._lock = threading.Lock()  # the client's thread and ours
         self._q: dict[str, Array] = {}
         self._jaws: dict[str, Array] = {}

@@ -56,6 +56,10 @@ def test_the_summary_names_successes_and_frames(trocar: Command, tmp_path: Path)
         ),
         (("collect", "needle-reach", "--trust"), "--trust: has no effect here; allowed with"),
         (("export", "none.mcap"), "none.mcap: no such file; allowed: rosbag 1"),
+        (
+            ("import", "none", "--base", "PSM1=0,0,0,1,1,0,0"),
+            "learn-import: argument --base: got 'PSM1=0,0,0,1,1,0,0'; allowed: ARM=X,Y,Z,QW",
+        ),
         (("import", "none"), "none/meta/info.json: no such file; allowed: a dataset of LeRobot's"),
     ],
 )

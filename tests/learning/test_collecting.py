@@ -93,7 +93,9 @@ def test_a_collection_without_success_writes_nothing(tmp_path: Path) -> None:
     assert not [*tmp_path.iterdir()]
 
 
-def test_an_interruption_leaves_a_readable_dataset(tmp_path: Path) -> None:
+def test_an_interruption_leaves_a_readable_dataset(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     def interrupt(count: int) -> None:
         if count == 2:
             raise KeyboardInterrupt
@@ -102,6 +104,7 @@ def test_an_interruption_leaves_a_readable_dataset(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         collect(REACH, range(9), tmp_path / "part", watch=interrupt)
     assert content(tmp_path / "part") == content(tmp_path / "whole")
+    assert caplog.messages == [f"{tmp_path / 'part'}: ended after 2 of 9 episodes"]
     with pytest.raises(KeyboardInterrupt):
         collect(REACH, range(9), tmp_path / "none", watch=lambda _: interrupt(2))
     assert len(open_dataset(tmp_path / "none")) == 1

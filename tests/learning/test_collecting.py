@@ -1,5 +1,7 @@
 """Collected datasets: what ran is what they have, however many workers, whatever ends them."""
 
+import subprocess
+import sys
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -174,3 +176,23 @@ def test_images_show_the_scene_at_the_beginning_of_each_period(tmp_path: Path) -
         assert off.mean() < 6.0  # of 255: H.264 at CRF 20
         task.command(action)
     camera.close()
+
+
+@pytest.mark.slow
+def test_a_cluster_changes_nothing(tmp_path: Path) -> None:
+    pytest.importorskip("ray", reason="the extra cluster is not installed")
+    code = f"""
+from trocar.learning.collecting import Collection, collect
+for name, workers, cluster in (("a", 2, "local"), ("b", 1, "")):
+    collect(
+        Collection("needle-reach", noise=0.01, mcap=True),
+        range(4),
+        {str(tmp_path)!r} + "/" + name,
+        workers=workers,
+        cluster=cluster,
+    )
+"""
+    words = [sys.executable, "-c", code]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=900, check=False)
+    assert done.returncode == 0, done.stderr
+    assert content(tmp_path / "a") == content(tmp_path / "b")

@@ -42,12 +42,27 @@ def test_a_policy_node_succeeds_in_a_served_scene(scene: str, script: str) -> No
     client.close()
 
 
-def test_the_copy_stands_where_the_robot_does() -> None:
-    client, task = SceneClient("needle-reach", 3), make_task("needle-reach")
-    PolicyNode(client, task, PolicyFile(REACH).script, seed=3).run(0.3)
-    tip = client.task.world.arms["PSM1"].measured_cp("world").matrix[:3, 3]
-    copy = task.world.arms["PSM1"].measured_cp("world").matrix[:3, 3]
-    assert np.linalg.norm(tip - copy) < 1e-3  # 5 ms at 0.2 m/s
+def test_the_copy_stands_where_the_robot_and_its_objects_do() -> None:
+    client, task = SceneClient("needle-pick", 3), make_task("needle-pick")
+    robot = client.task.world
+    q = robot.arms["PSM1"].joints.positions()
+    robot.set_state("PSM1", q + np.array([0.05, -0.05, -0.01, 0.2, 0.1, 0.1, 0.2]))
+    needle = client.task.object_pose("needle")
+    needle[:2, 3] += [0.01, -0.01]
+    robot.objects["needle"].set_cp(needle)
+    client.sleep(0.1)
+    before = robot.arms["PSM1"].measured_cp("world").matrix[:3, 3]
+    PolicyNode(client, task, lambda _: iter(()), seed=3).run(0.2)  # stays
+    after = robot.arms["PSM1"].measured_cp("world").matrix[:3, 3]
+    assert np.linalg.norm(after - before) < 1e-4
+    PolicyNode(client, task, scripted, seed=3).run(0.3)
+    copy = task.world
+    ours, theirs = (w.arms["PSM1"].measured_cp("world").matrix[:3, 3] for w in (robot, copy))
+    assert np.linalg.norm(ours - theirs) < 1e-3  # 5 ms at 0.2 m/s
+    ours, theirs = (w.arms["PSM1"].joints.setpoints() for w in (robot, copy))
+    np.testing.assert_allclose(ours, theirs, atol=1e-12)
+    np.testing.assert_allclose(task.object_pose("needle"), client.task.object_pose("needle"),
+                               atol=1e-4)  # it settles  # fmt: skip
     client.close()
 
 
@@ -96,8 +111,14 @@ def test_missing_or_broken_messages_stop_the_node(
     client.close()
 
 
-def test_a_scene_with_a_thread_is_one_error() -> None:
+@pytest.mark.parametrize(
+    ("scene", "prop"),
+    [("thread-handover", "thread"), ("dynamic-pendulum", "pendulum"), ("suturing", "pad")],
+)
+def test_a_scene_whose_state_no_pose_has_is_one_error(scene: str, prop: str) -> None:
     client = ServedClient()
-    with pytest.raises(InputError, match=r"thread-handover: the object .* allowed: scenes of free"):
-        PolicyNode(client, make_task("thread-handover"), scripted)
+    with pytest.raises(
+        InputError, match=rf"{scene}: \w*{prop}\w* is on .* allowed: scenes of free"
+    ):
+        PolicyNode(client, make_task(scene), scripted)
     client.close()

@@ -83,6 +83,7 @@ def record_episode(
     actions: list[Array] = []
     pushes: list[Array] = []
     rewards: list[float] = []
+    task.reset(seed)  # before the recording, which has what led here since the reset
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="trocar-")))
         recorder = record(task.world, folder / "episode.mcap") if mcap else None
@@ -92,7 +93,6 @@ def record_episode(
             name: (capture, stack.enter_context(FilmWriter(1.0 / PERIOD_S)))
             for name, capture in (cameras or {}).items()
         }
-        task.reset(seed)
         steps = script(task)
         while not task.done:
             readings.append(read_task(task))

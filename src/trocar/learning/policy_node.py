@@ -34,8 +34,8 @@ class PolicyNode:
 
     A copy of the scene is put where the robot and its objects are, every 20 ms: the policy reads
     the copy, and limits, inverse kinematics and the count of goals are those of the simulation.
-    Goals are those of a seed. Where nobody publishes the object in a jaw, as on a real robot, the
-    contacts in the copy determine it.
+    Goals are those of a seed. Without a topic of the object in a jaw, as on a real robot, contacts
+    in the copy determine it.
 
     Args:
         client: of the topics, started
@@ -50,14 +50,13 @@ class PolicyNode:
     def __init__(self, client: RosClient, task: Task, script: Script, seed: int = 0) -> None:
         self._client, self._task, self._script, self._seed = client, task, script, seed
         rig = task.world.rig
-        self._objects: list[str] = []
-        for prop in rig.objects:
-            if prop.joint is not None or prop.thread is not None:
+        for prop in rig.props:
+            if any(of is not None for of in (prop.joint, prop.thread, prop.tissue)):
                 raise InputError(
-                    f"{task.scene.name}: the object {prop.name} is on a joint or a thread; allowed:"
-                    " scenes of free, rigid objects"
+                    f"{task.scene.name}: {prop.name} is on a joint, a thread or tissue, whose state"
+                    " no pose has; allowed: scenes of free, rigid objects"
                 )
-            self._objects.append(prop.name)
+        self._objects = [prop.name for prop in rig.objects]
         self._lock = threading.Lock()  # the client's thread and ours
         self._q: dict[str, Array] = {}
         self._jaws: dict[str, Array] = {}
@@ -66,6 +65,7 @@ class PolicyNode:
         self._held: dict[str, str] = {}
         self._arrived: dict[str, float] = {}
         self._wrong = ""
+        self._commanded: dict[str, Array] = {}
 
     def run(
         self,
@@ -84,16 +84,17 @@ class PolicyNode:
         """
         task, client = self._task, self._client
         task.reset(self._seed)
+        self._commanded.clear()
         with ExitStack() as stack:
             self._subscribe(stack)
             self._wait()
-            self._mirror({})
+            self._mirror()
             task.begin()
+            self._commanded = {n: task.world.arms[n].joints.setpoints() for n in task.arms}
             actions = self._script(task)
             due = client.now()
             while not task.done and task.time < duration_s - EARLY_S:
                 action = next(actions, None)
-                row: Row = {}
                 for row in task.controller.setpoints(task.stay() if action is None else action):
                     task.controller.drive(row)
                     self._command(row)
@@ -101,7 +102,7 @@ class PolicyNode:
                     due += EVERY * task.world.timestep
                     if (left := due - client.now()) > 0.0:
                         client.sleep(left)
-                self._mirror(row)
+                self._mirror()
                 self._look()
                 watch(task.time)
         return task.result(self._seed)
@@ -167,8 +168,9 @@ class PolicyNode:
             self._client.sleep(PERIOD_S)
 
     def _command(self, row: Row) -> None:
-        """Publish set-points of `TipController`."""
+        """Publish set-points of `TipController`; arms and jaws that rest are absent."""
         for name, (q, v) in row.items():
+            self._commanded[name] = np.append(q, self._commanded[name][len(q) :])
             own = self._task.world.arms[name].description.own_joints
             parts = {"servo_jp": slice(own), "jaw/servo_jp": slice(own, len(q))}
             for verb, part in parts.items():
@@ -178,7 +180,7 @@ class PolicyNode:
 
     # ------------------------------------------------------------------ the copy
 
-    def _mirror(self, row: Row) -> None:
+    def _mirror(self) -> None:
         """Put the copy where arms and objects are, with its set-points as commanded."""
         world, client = self._task.world, self._client
         with self._lock:
@@ -202,7 +204,9 @@ class PolicyNode:
             world.set_state(name, np.clip(q, limits.lower, limits.upper))
         for name, T in poses.items():
             world.objects[name].set_cp(T)
-        self._task.controller.drive(row)
+        self._task.controller.drive(
+            {name: (q, np.zeros(len(q))) for name, q in self._commanded.items()}
+        )
 
     def _look(self) -> None:
         """Read, measure and judge as `Task.look` does, with the grasps that are published."""

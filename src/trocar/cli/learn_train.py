@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from trocar.cli.arguments import add_json, add_overwrite, allow, options
 from trocar.cli.output import fixed, print_result, progress_bar
+from trocar.descriptions.catalogue import load_scene
 from trocar.errors import InputError, MissingExtraError
 
 if TYPE_CHECKING:
@@ -73,9 +74,13 @@ def run(args: Namespace) -> int:
     else:
         allow(args, "with --method bc", "episodes", "epochs", "data")
     from trocar.learning.cloning import torch_on
+    from trocar.learning.lerobot import open_dataset
     from trocar.learning.run_folder import RunFolder
 
     torch_on(args.device)
+    load_scene(args.scene)
+    if args.data is not None:
+        open_dataset(args.data)
     folder = RunFolder(args.out, args.overwrite)
     begin, wall = time.process_time(), time.monotonic()
     policy, log = _clone(args, folder) if cloning else _actor(args, folder)

@@ -60,7 +60,7 @@ def read_task(task: Task) -> SceneReadings:
     rows = {name: row for row, name in enumerate(states.names)}
     psms = [name for name in task.arms if world.arms[name].description.type == "PSM"]
     joints = {name: world.arms[name].joints for name in task.arms}
-    tips = {name: world.arms[name].measured_cp("world").matrix for name in psms}
+    tips = {name: controller.tip(name) for name in psms}
     measured = {name: of.readings()[:2] for name, of in joints.items()}
     goals: list[Array] = []
     achieved: list[Array] = []

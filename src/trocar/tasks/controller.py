@@ -78,6 +78,8 @@ class TipController:
         limits: least and largest values of an action, (n,) each
         stalled: time for which each arm stayed though an action moves it, {arm: time} [s]
         stalls: why an arm stays now, {arm: reason}
+        registration: pose of the world as a PSM's kinematics report it in the world of actions and
+            observations, {arm: (4, 4)}; without an entry the two are one
     """
 
     def __init__(self, world: World, arms: Sequence[str], label: str) -> None:
@@ -111,6 +113,7 @@ class TipController:
         self._targets: dict[str, Array] = {}
         self.stalled: dict[str, float] = {}
         self.stalls: dict[str, str] = {}
+        self.registration: dict[str, Array] = {}
 
     def begin(self) -> None:
         """Hold the arms where they are, with nothing counted."""
@@ -168,9 +171,13 @@ class TipController:
 
     # ------------------------------------------------------------------ looking
 
+    def tip(self, arm: str) -> Array:
+        """Return the measured pose of a tip in the world, (4, 4)."""
+        return self._registered(arm, self.world.arms[arm].measured_cp("world").matrix)
+
     def target(self, arm: str) -> Array:
         """Return the set-point of a PSM's tip in the world, (4, 4)."""
-        return self._targets[arm].copy()
+        return self._registered(arm, self._targets[arm].copy())
 
     def farthest(self, arm: str, T: Array) -> float:
         """Return the largest change of a joint from its set-point to a pose of the tip.
@@ -236,7 +243,7 @@ class TipController:
         """
         joints, reason = driven.arm.description.joints, ""
         for _ in range(2):
-            goal = self._targets[name].copy()
+            goal = self.target(name)
             goal[:3, 3] += twist[:3] * PERIOD_S
             if twist[3:].any():
                 turn = matrix_from_rotation_vector(twist[3:] * PERIOD_S)
@@ -257,12 +264,20 @@ class TipController:
             pushed = beyond & (ahead > np.abs(q[:-1] - measured[:-1]))
             if pushed.any():
                 return f"{joints[int(pushed.argmax())].name} is held back"
-        self._targets[name], q[:-1] = goal, after
+        T = self.registration.get(name)
+        self._targets[name], q[:-1] = goal if T is None else inverse(T) @ goal, after
         return ""
+
+    def _registered(self, arm: str, tip: Array) -> Array:
+        T = self.registration.get(arm)
+        return tip if T is None else T @ tip
 
     def _inverse(self, driven: _Driven, T: Array, near: Array) -> Array:
         """Return the joint positions nearest to others, with the tip at a pose in the world."""
         own = driven.T_arm_world
         if own is None:
             own = inverse(self.world.reference_pose(driven.arm.name))
+        registration = self.registration.get(driven.arm.name)
+        if registration is not None:
+            own = own @ inverse(registration)
         return driven.arm.local.inverse_kinematics(own @ T, near[:-1])

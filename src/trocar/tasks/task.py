@@ -178,7 +178,7 @@ class Task:
             arm = self.world.arms[name]
             q = arm.joints.positions()
             if arm.description.type == "PSM":
-                T = arm.measured_cp("world").matrix
+                T = self.controller.tip(name)
                 found[name] = np.concatenate([T[:3, 3], quaternion_from_matrix(T[:3, :3]), q[-1:]])
             else:
                 found[name] = q

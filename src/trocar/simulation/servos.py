@@ -288,6 +288,11 @@ class Servos:
             bit = group if self.locked[rows].all() else 0
             model.opt.disableactuator = model.opt.disableactuator & ~group | bit
 
+    @property
+    def friction(self) -> tuple[Array, Array]:
+        """Dry and viscous friction of the degrees of freedom without brakes, copies, (nv,)."""
+        return self._dry.copy(), self._viscous.copy()
+
     def set_friction(self, dry: Array, viscous: Array) -> None:
         """Set the friction of the degrees of freedom that no brake holds; `apply` writes it.
 

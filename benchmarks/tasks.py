@@ -11,16 +11,15 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from scipy.stats import norm
 from scipy.stats import t as student
 
 from trocar.descriptions.catalogue import load_scene, names
+from trocar.learning.evaluation import CONFIDENCE, wilson
 from trocar.robot.verification.figures import Figure
 from trocar.simulation import World
 from trocar.tasks import Episode, make_task, run_episode, task_names
 
 EPISODES = 50
-CONFIDENCE = 0.95
 #: Modules of scenes that benchmarks of their own measure.
 APART = ("suturing", "vision")
 #: Physics steps that measure the machine after each episode. Source: our own choice, 50 ms or less.
@@ -175,14 +174,3 @@ def figures(results: Sequence[Episode], cpu_s: float, step_s: float) -> list[Fig
             source="processor time over that of mj_step of a PSM, on any machine",
         ),
     ]
-
-
-def wilson(good: int, count: int) -> tuple[float, float]:
-    """Return the interval of a ratio that holds with 95 %.
-
-    Source: Wilson, Journal of the American Statistical Association 22, 1927.
-    """
-    z = float(norm.ppf(0.5 + CONFIDENCE / 2.0))
-    middle = (good + z * z / 2.0) / (count + z * z)
-    half = z / (count + z * z) * np.sqrt(good * (count - good) / count + z * z / 4.0)
-    return max(0.0, float(middle - half)), min(1.0, float(middle + half))

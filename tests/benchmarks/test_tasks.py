@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.random_actions import random_actions
-from benchmarks.tasks import asleep_and_awake, figures, tasks, wilson
+from benchmarks.tasks import asleep_and_awake, figures, tasks
 from trocar.tasks import Episode
 
 
@@ -16,12 +16,6 @@ def episode(success: bool, time_s: float) -> Episode:
     return Episode(
         "s", 0, success, reason, 1.0, time_s, 1, 1, 2, each, each, each, each, "friction", "cad", ""
     )
-
-
-def test_intervals_of_ratios_are_wilsons() -> None:
-    # Source: Newcombe, Statistics in Medicine 17, 1998, table I, method 3: 81/263 and 0/20.
-    assert wilson(81, 263) == pytest.approx((0.2553, 0.3662), abs=5e-5)
-    assert wilson(0, 20) == pytest.approx((0.0, 0.1611), abs=5e-5)
 
 
 def test_times_are_those_of_successes_and_drops_those_of_all() -> None:

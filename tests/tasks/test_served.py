@@ -11,13 +11,14 @@ from trocar.live import Loop
 from trocar.ros import Core
 from trocar.ros.transports.memory import MemoryTransport
 from trocar.tasks import make_task, run_episode
+from trocar.tasks.play import scripted
 from trocar.tasks.served import TOPIC, ServedTask
 
 
 def test_the_topic_has_time_goals_and_end(touch: Path) -> None:
     task = make_task(str(touch))
     loop = Loop(task.world, tick_s=0.02, speed="max")
-    served = ServedTask(task, 0, scripted=False)
+    served = ServedTask(task, 0, script=None)
     served.watch(loop)
     core, transport = Core(loop, components=(served.component(),)), MemoryTransport([TOPIC])
     core.attach(transport)
@@ -41,7 +42,7 @@ def test_the_policy_moves_as_without_a_loop_to_the_last_bit_and_again_after_a_re
 ) -> None:
     alone = run_episode(make_task(str(touch)), 2)
     task = make_task(str(touch))
-    served, loop = ServedTask(task, 2, scripted=True), Loop(task.world, tick_s=0.001, speed="max")
+    served, loop = ServedTask(task, 2, script=scripted), Loop(task.world, tick_s=0.001, speed="max")
     served.watch(loop)
     for _ in range(2):
         while not task.done:
@@ -55,7 +56,7 @@ def test_the_policy_moves_as_without_a_loop_to_the_last_bit_and_again_after_a_re
 
 def test_an_instrument_taken_away_ends_the_episode_and_not_the_loop(touch: Path) -> None:
     task = make_task(str(touch))
-    served, loop = ServedTask(task, 2, scripted=True), Loop(task.world, tick_s=0.001, speed="max")
+    served, loop = ServedTask(task, 2, script=scripted), Loop(task.world, tick_s=0.001, speed="max")
     served.watch(loop)
     arm = task.world.arm(task.arms[0])
     tool = arm.description.tool

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import atan2, copysign, cos, hypot, inf, pi, sin, sqrt
+from math import atan2, copysign, cos, hypot, inf, isinf, pi, sin, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,6 +36,7 @@ from trocar.kinematics.solutions import (
     nearer,
     nearest_first,
     nearest_turn,
+    nearest_turns,
     out_of_limits,
     some_inside,
 )
@@ -237,6 +238,85 @@ def nearest_rcm_arm(
                 far = sqrt(far)
                 if found is None or nearer(far, q, best, found):
                     best, found = far, q
+    return found
+
+
+def nearest_rcm_arms(
+    geometry: RcmArmGeometry, T: Array, limits: Limits, seeds: Array
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Find the solutions of `nearest_rcm_arm` for many poses at once.
+
+    Args:
+        geometry: as for `nearest_rcm_arm`
+        T: poses of the tip in frame 0, (n, 4, 4)
+        limits: lower and upper of each joint, six pairs
+        seeds: of each pose, (n, 6) [rad, insertion m]
+
+    Returns:
+        (n, 6), NaN where there is no solution; and where joints are not determined, (n,), which is
+        left to `nearest_rcm_arm` and `inverse_rcm_arm`
+    """
+    sides, low, high = np.array([[1.0], [-1.0]]), *np.array(limits).T
+    x, z = T[:, :3, 0].T, T[:, :3, 2].T  # (3, n) of each: axes of frame 6, the tip
+    tip = T[:, :3, 3].T
+    across = tip - (tip * z).sum(axis=0) * z
+    distance = np.sqrt((across * across).sum(axis=0))
+    undetermined = distance < TIP_ON_AXIS
+    x5 = (across / np.where(undetermined, 1.0, distance))[:, None] * sides  # (3, 2, n)
+    wrist = tip[:, None] - geometry.wrist_length * x5
+    norm = np.sqrt((wrist * wrist).sum(axis=0))
+    undetermined |= (norm < WRIST_AT_CENTRE).any(axis=0)
+    e = np.cross(x5, z[:, None], axis=0)
+    q6 = np.arctan2((x5 * x[:, None]).sum(axis=0), (e * x[:, None]).sum(axis=0))
+    # (2, 2, n): side of x5 by side of the remote centre, which turns u about
+    u = wrist / np.where(norm == 0.0, 1.0, norm)
+    q3 = norm[:, None] * sides + (geometry.insertion_offset - geometry.tool_length)
+    sine, cosine = -(u * z[:, None]).sum(axis=0), (u * x5).sum(axis=0)
+    q5 = np.arctan2(sine[:, None] * sides, cosine[:, None] * sides)
+    level = np.hypot(u[0], u[2])
+    undetermined |= (level < SHAFT_ON_YAW_AXIS).any(axis=0)
+    yaw = np.arctan2(u[0][:, None] * sides, -u[2][:, None] * sides)
+    pitch = np.arctan2(-u[1][:, None] * sides, level[:, None])
+    # (2, 2, 2, n): and by pitch, over the top or not
+    q1, q2 = np.stack([yaw, yaw + pi], axis=2), np.stack([pitch, pi - pitch], axis=2)
+    branches = np.empty((6, *q1.shape))
+    branches[0], branches[1] = q1, q2
+    branches[2], branches[4], branches[5] = q3[:, :, None], q5[:, :, None], q6[:, None, None]
+    seed = seeds.T[:, None, None, None]
+    low, high = low[:, None, None, None, None], high[:, None, None, None, None]
+    near = nearest_turns(branches[:2], seed[:2], low[:2], high[:2])
+    s1, c1, s2, c2 = np.sin(near[0]), np.cos(near[0]), np.sin(near[1]), np.cos(near[1])
+    ex, ey, ez = e[:, :, None, None]
+    branches[3] = np.arctan2(ex * s1 * s2 + ey * c2 - ez * c1 * s2, -ex * c1 - ez * s1)
+    branches[3:] = nearest_turns(branches[3:], seed[3:], low[3:], high[3:])
+    branches[:2] = near
+    fits = (branches[2] >= low[2] - LIMIT_TOLERANCE) & (branches[2] <= high[2] + LIMIT_TOLERANCE)
+    branches[2] = np.where(fits, np.clip(branches[2], low[2], high[2]), np.nan)
+    far = np.sqrt((((branches - seed) / (high - low)) ** 2).sum(axis=0)).reshape(8, -1)
+    far[np.isnan(far)] = inf
+    found, each = _nearest_branch(far, branches.reshape(6, 8, -1)), np.arange(len(T))
+    q = branches.reshape(6, 8, -1)[:, found, each].T.copy()
+    q[np.isinf(far[found, each]) | undetermined] = np.nan
+    return q, undetermined
+
+
+def _nearest_branch(far: Array, branches: Array) -> NDArray[np.intp]:
+    """Return the branch nearest to the seed, as `nearer` orders them, (n,).
+
+    Args:
+        far: distances, infinite of what does not fit, (m, n)
+        branches: their joint positions, (6, m, n)
+    """
+    found = far.argmin(axis=0)
+    each = np.arange(len(found))
+    level = far <= far[found, each] + LIMIT_TOLERANCE
+    level &= np.isfinite(far)
+    for k in np.flatnonzero(level.sum(axis=0) > 1).tolist():
+        best = inf
+        for branch in np.flatnonzero(np.isfinite(far[:, k])).tolist():
+            one, other = branches[:, branch, k].tolist(), branches[:, found[k], k].tolist()
+            if isinf(best) or nearer(float(far[branch, k]), one, best, other):
+                best, found[k] = float(far[branch, k]), branch
     return found
 
 

@@ -181,6 +181,15 @@ def nearest_turn(q: float, seed: float, limits: tuple[float, float]) -> float | 
     return None
 
 
+def nearest_turns(q: Array, seed: Array, low: Array, high: Array) -> Array:
+    """Return `nearest_turn` of many angles, NaN where it has none; arrays broadcast."""
+    near = q + TURN * np.floor((seed - q + LIMIT_TOLERANCE) / TURN + 0.5)
+    beyond = (near < low - LIMIT_TOLERANCE).astype(float) - (near > high + LIMIT_TOLERANCE)
+    near += TURN * beyond
+    fits = (near >= low - LIMIT_TOLERANCE) & (near <= high + LIMIT_TOLERANCE)
+    return np.where(fits, np.clip(near, low, high), np.nan)
+
+
 def out_of_limits(candidates: Array, joints: JointRange) -> UnreachableError:
     """Name the limits that keep an arm from a pose, by the candidate that passes them least.
 

@@ -101,11 +101,8 @@ def test_of_many_solutions_that_are_equally_near_the_same_is_taken(pitch):
 
 def test_singular_poses_among_many_have_the_solution_that_they_have_alone():
     arm = load_rig(RIG).arm("PSM1").arm
-    centre = np.array([0.0, 0.0, 0.0, 0.2, 0.1, 0.0, 0.0])
-    T = chain_pose(arm.mechanism)(np.stack([centre, centre + [0, 0, 0.1, 0, 0, 0, 0]]))
     depth = fit_chain(arm.mechanism, arm.inverse_kinematics).chain.depth
-    at = centre.copy()
-    at[2] = -depth  # the wrist in the remote centre
-    T[0] = chain_pose(arm.mechanism)(at)
+    q = np.array([[0, 0, insertion, 0.2, 0.1, 0, 0] for insertion in (-depth, 0.1)])
+    T = chain_pose(arm.mechanism)(q)  # of the first, the wrist is in the remote centre
     found = nearest_solutions(arm.mechanism, arm.inverse_kinematics, T, np.zeros((2, 6)))
     assert np.isnan(found[0]).all() and np.isfinite(found[1]).all()

@@ -68,7 +68,9 @@ def test_a_calibrated_arm_comes_back_to_its_pose(skew_overlay, rng):
 
 
 @pytest.mark.parametrize("name", ["PSM1", "ECM"])
-def test_many_poses_have_the_solutions_that_each_has_alone(name, rng, random_positions):
+def test_many_poses_have_the_solutions_that_each_has_alone_to_the_last_bit(
+    name, rng, random_positions
+):
     arm = load_rig(RIG).arm(name).arm
     mechanism, structure, own = arm.mechanism, arm.inverse_kinematics, arm.own_joints
     q = random_positions(arm, rng, 1500)
@@ -85,7 +87,7 @@ def test_many_poses_have_the_solutions_that_each_has_alone(name, rng, random_pos
             reached += 1
         except (UnreachableError, SingularError):
             expected = np.full(own, np.nan)
-        np.testing.assert_allclose(row, expected, atol=1e-11)
+        np.testing.assert_array_equal(row, expected)
     assert 1200 < reached < 1500
 
 

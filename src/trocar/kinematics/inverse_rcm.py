@@ -18,7 +18,7 @@ Source: the dVRK's kinematics of PSM and ECM (sawIntuitiveResearchKit, PSM.json 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import atan2, copysign, cos, hypot, inf, isinf, pi, sin, sqrt
 
@@ -244,7 +244,7 @@ def nearest_rcm_arm(
 def nearest_rcm_arms(
     geometry: RcmArmGeometry, T: Array, limits: Limits, seeds: Array
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Find the solutions of `nearest_rcm_arm` for many poses at once.
+    """Find the solutions of `nearest_rcm_arm` for many poses, to the same last bit.
 
     Args:
         geometry: as for `nearest_rcm_arm`
@@ -254,70 +254,82 @@ def nearest_rcm_arms(
 
     Returns:
         (n, 6), NaN where there is no solution; and where joints are not determined, (n,), which is
-        left to `nearest_rcm_arm` and `inverse_rcm_arm`
+        left to `inverse_rcm_arm`
     """
-    sides, low, high = np.array([[1.0], [-1.0]]), *np.array(limits).T
-    x, z = T[:, :3, 0].T, T[:, :3, 2].T  # (3, n) of each: axes of frame 6, the tip
-    tip = T[:, :3, 3].T
-    across = tip - (tip * z).sum(axis=0) * z
-    distance = np.sqrt((across * across).sum(axis=0))
+    (a00, _, a02, px), (a10, _, a12, py), (a20, _, a22, pz) = T[:, :3].transpose(1, 2, 0)
+    along = px * a02 + py * a12 + pz * a22
+    cx, cy, cz = px - along * a02, py - along * a12, pz - along * a22
+    distance = np.sqrt(cx * cx + cy * cy + cz * cz)
     undetermined = distance < TIP_ON_AXIS
-    x5 = (across / np.where(undetermined, 1.0, distance))[:, None] * sides  # (3, 2, n)
-    wrist = tip[:, None] - geometry.wrist_length * x5
-    norm = np.sqrt((wrist * wrist).sum(axis=0))
-    undetermined |= (norm < WRIST_AT_CENTRE).any(axis=0)
-    e = np.cross(x5, z[:, None], axis=0)
-    q6 = np.arctan2((x5 * x[:, None]).sum(axis=0), (e * x[:, None]).sum(axis=0))
-    # (2, 2, n): side of x5 by side of the remote centre, which turns u about
-    u = wrist / np.where(norm == 0.0, 1.0, norm)
-    q3 = norm[:, None] * sides + (geometry.insertion_offset - geometry.tool_length)
-    sine, cosine = -(u * z[:, None]).sum(axis=0), (u * x5).sum(axis=0)
-    q5 = np.arctan2(sine[:, None] * sides, cosine[:, None] * sides)
-    level = np.hypot(u[0], u[2])
-    undetermined |= (level < SHAFT_ON_YAW_AXIS).any(axis=0)
-    yaw = np.arctan2(u[0][:, None] * sides, -u[2][:, None] * sides)
-    pitch = np.arctan2(-u[1][:, None] * sides, level[:, None])
-    # (2, 2, 2, n): and by pitch, over the top or not
-    q1, q2 = np.stack([yaw, yaw + pi], axis=2), np.stack([pitch, pi - pitch], axis=2)
-    branches = np.empty((6, *q1.shape))
-    branches[0], branches[1] = q1, q2
-    branches[2], branches[4], branches[5] = q3[:, :, None], q5[:, :, None], q6[:, None, None]
-    seed = seeds.T[:, None, None, None]
-    low, high = low[:, None, None, None, None], high[:, None, None, None, None]
-    near = nearest_turns(branches[:2], seed[:2], low[:2], high[:2])
-    s1, c1, s2, c2 = np.sin(near[0]), np.cos(near[0]), np.sin(near[1]), np.cos(near[1])
-    ex, ey, ez = e[:, :, None, None]
-    branches[3] = np.arctan2(ex * s1 * s2 + ey * c2 - ez * c1 * s2, -ex * c1 - ez * s1)
-    branches[3:] = nearest_turns(branches[3:], seed[3:], low[3:], high[3:])
-    branches[:2] = near
-    fits = (branches[2] >= low[2] - LIMIT_TOLERANCE) & (branches[2] <= high[2] + LIMIT_TOLERANCE)
-    branches[2] = np.where(fits, np.clip(branches[2], low[2], high[2]), np.nan)
-    far = np.sqrt((((branches - seed) / (high - low)) ** 2).sum(axis=0)).reshape(8, -1)
-    far[np.isnan(far)] = inf
-    found, each = _nearest_branch(far, branches.reshape(6, 8, -1)), np.arange(len(T))
-    q = branches.reshape(6, 8, -1)[:, found, each].T.copy()
-    q[np.isinf(far[found, each]) | undetermined] = np.nan
-    return q, undetermined
+    distance[undetermined] = 1.0
+    wrist_length, shift = geometry.wrist_length, geometry.insertion_offset - geometry.tool_length
+
+    def near(turn: Array, joint: int, worlds: NDArray[np.intp]) -> Array:
+        return nearest_turns(turn, seeds[worlds, joint], limits[joint])
+
+    count = len(T)
+    at, sign = np.tile(np.arange(count), 2), np.repeat([1.0, -1.0], count)
+    bx, by, bz = sign * (cx / distance)[at], sign * (cy / distance)[at], sign * (cz / distance)[at]
+    wx, wy, wz = (p[at] - wrist_length * b for p, b in ((px, bx), (py, by), (pz, bz)))
+    norm = np.sqrt(wx * wx + wy * wy + wz * wz)
+    undetermined |= (norm < WRIST_AT_CENTRE).reshape(2, count).any(axis=0)
+    x6, y6, z6 = a00[at], a10[at], a20[at]
+    x, y, z = a02[at], a12[at], a22[at]
+    ex, ey, ez = by * z - bz * y, bz * x - bx * z, bx * y - by * x  # x5 x z6
+    q6 = near(_each(atan2, bx * x6 + by * y6 + bz * z6, ex * x6 + ey * y6 + ez * z6), 5, at)
+    # Candidates that pass a limit are left out from here on.
+    sides = np.repeat(np.flatnonzero(~np.isnan(q6)), 2)
+    depth = norm[sides] * np.where(np.arange(len(sides)) % 2, -1.0, 1.0)
+    low3, high3 = limits[2]
+    q3 = depth + shift
+    fits = (low3 - LIMIT_TOLERANCE <= q3) & (q3 <= high3 + LIMIT_TOLERANCE)
+    sides, depth, q3 = sides[fits], depth[fits], q3[fits]
+    with np.errstate(divide="ignore", invalid="ignore"):  # undetermined
+        ux, uy, uz = wx[sides] / depth, wy[sides] / depth, wz[sides] / depth
+    sine = -(ux * x[sides] + uy * y[sides] + uz * z[sides])
+    cosine = ux * bx[sides] + uy * by[sides] + uz * bz[sides]
+    q5 = near(_each(atan2, sine, cosine), 4, at[sides])
+    fits = ~np.isnan(q5)
+    sides, q3, q5, ux, uy, uz = (row[fits] for row in (sides, q3, q5, ux, uy, uz))
+    level = _each(hypot, ux, uz)
+    undetermined[at[sides[level < SHAFT_ON_YAW_AXIS]]] = True
+    yaw, pitch = _each(atan2, ux, -uz), _each(atan2, -uy, level)
+    both = np.stack([yaw, yaw + pi], axis=1).ravel(), np.stack([pitch, pi - pitch], axis=1).ravel()
+    sides, q3, q5 = np.repeat(sides, 2), np.repeat(q3, 2), np.repeat(q5, 2)
+    q1, q2 = near(both[0], 0, at[sides]), near(both[1], 1, at[sides])
+    fits = ~(np.isnan(q1) | np.isnan(q2))
+    sides, q1, q2, q3, q5 = (row[fits] for row in (sides, q1, q2, q3, q5))
+    s1, c1, s2, c2 = _each(sin, q1), _each(cos, q1), _each(sin, q2), _each(cos, q2)
+    ex, ey, ez, worlds = ex[sides], ey[sides], ez[sides], at[sides]
+    turn = _each(atan2, ex * s1 * s2 + ey * c2 - ez * c1 * s2, -ex * c1 - ez * s1)
+    q4 = near(turn, 3, worlds)
+    q3 = np.minimum(np.maximum(q3, low3), high3)
+    q = np.stack([q1, q2, q3, q4, q5, q6[sides]], axis=1)
+    fits = ~np.isnan(q4)
+    found = np.full((count, len(limits)), np.nan)
+    found[worlds[fits]] = q[fits]
+    for world in np.flatnonzero(np.bincount(worlds[fits], minlength=count) > 1).tolist():
+        found[world] = _nearest(q[fits & (worlds == world)], seeds[world].tolist(), limits)
+    found[undetermined] = np.nan
+    return found, undetermined
 
 
-def _nearest_branch(far: Array, branches: Array) -> NDArray[np.intp]:
-    """Return the branch nearest to the seed, as `nearer` orders them, (n,).
-
-    Args:
-        far: distances, infinite of what does not fit, (m, n)
-        branches: their joint positions, (6, m, n)
-    """
-    found = far.argmin(axis=0)
-    each = np.arange(len(found))
-    level = far <= far[found, each] + LIMIT_TOLERANCE
-    level &= np.isfinite(far)
-    for k in np.flatnonzero(level.sum(axis=0) > 1).tolist():
-        best = inf
-        for branch in np.flatnonzero(np.isfinite(far[:, k])).tolist():
-            one, other = branches[:, branch, k].tolist(), branches[:, found[k], k].tolist()
-            if isinf(best) or nearer(float(far[branch, k]), one, best, other):
-                best, found[k] = float(far[branch, k]), branch
+def _nearest(branches: Array, seed: Sequence[float], limits: Limits) -> Sequence[float]:
+    """Return the branch nearest to a seed, of several (m, 6)."""
+    best, found = inf, branches[0].tolist()
+    for q in branches.tolist():
+        far = 0.0
+        for a, b, (low, high) in zip(q, seed, limits, strict=True):
+            far += ((a - b) / (high - low)) ** 2
+        far = sqrt(far)
+        if isinf(best) or nearer(far, q, best, found):
+            best, found = far, q
     return found
+
+
+def _each(function: Callable[..., float], *values: Array) -> Array:
+    """Apply a function of plain numbers, since numpy's own round otherwise on some processors."""
+    return np.array([*map(function, *(row.tolist() for row in values))], np.float64)
 
 
 def _branches(geometry: RcmArmGeometry, T: Array) -> _Branches:

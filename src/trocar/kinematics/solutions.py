@@ -181,13 +181,14 @@ def nearest_turn(q: float, seed: float, limits: tuple[float, float]) -> float | 
     return None
 
 
-def nearest_turns(q: Array, seed: Array, low: Array, high: Array) -> Array:
-    """Return `nearest_turn` of many angles, NaN where it has none; arrays broadcast."""
+def nearest_turns(q: Array, seed: Array, limits: tuple[float, float]) -> Array:
+    """Return `nearest_turn` of many angles with a seed each, (n,), NaN where it has none."""
+    low, high = limits
     near = q + TURN * np.floor((seed - q + LIMIT_TOLERANCE) / TURN + 0.5)
-    beyond = (near < low - LIMIT_TOLERANCE).astype(float) - (near > high + LIMIT_TOLERANCE)
-    near += TURN * beyond
-    fits = (near >= low - LIMIT_TOLERANCE) & (near <= high + LIMIT_TOLERANCE)
-    return np.where(fits, np.clip(near, low, high), np.nan)
+    below, above = near < low - LIMIT_TOLERANCE, near > high + LIMIT_TOLERANCE
+    near += TURN * (below.astype(np.float64) - above)
+    fits = (low - LIMIT_TOLERANCE <= near) & (near <= high + LIMIT_TOLERANCE)
+    return np.where(fits, np.minimum(np.maximum(near, low), high), np.nan)
 
 
 def out_of_limits(candidates: Array, joints: JointRange) -> UnreachableError:

@@ -15,9 +15,10 @@ from trocar.descriptions.scenes import Scene
 from trocar.errors import InputError
 from trocar.geometry.rotations import (
     matrix_from_quaternion,
-    matrix_from_rotation_vector,
+    matrices_from_rotation_vectors,
     quaternion_from_matrix,
 )
+from trocar.geometry.se3 import inverse
 from trocar.kinematics.chain_pose import chain_pose
 from trocar.kinematics.inverse import nearest_solutions
 from trocar.learning.batch_rules import batch_rules, obstacle
@@ -48,7 +49,7 @@ class _Driven:
         arm: of the nominal world
         part: of an action
         rows: of all joints
-        base: pose of its reference frame in the world, (4, 4)
+        base, T_arm_world: pose of its reference frame in the world, and its inverse, (4, 4)
         start: pose of its tip's set-point at a reset, (4, 4)
         fastest, tolerances: of its joints without the jaw, (k,)
     """
@@ -57,6 +58,7 @@ class _Driven:
     part: slice
     rows: slice
     base: Array
+    T_arm_world: Array
     start: Array
     fastest: Array
     tolerances: Array
@@ -75,7 +77,7 @@ class SceneBatch:
     """n worlds of one scene: actions in, readings out; each moves as the scene's task does.
 
     A world of the batch with a seed and actions is a `Task` with them whose rig has the model of
-    grasps "friction": the same motion to rounding, the same grasps, rewards and endings. Two
+    grasps "friction": the same motion to the last bit, the same grasps, rewards and endings. Two
     differences remain: in the period in which an arm goes into FAULT, its servos go on; and a batch
     counts no forces and paths, which only scores have.
 
@@ -284,6 +286,7 @@ class SceneBatch:
             part,
             index.rows,
             base,
+            inverse(base),
             start,
             np.array([joint.velocity_max for joint in own]),
             np.array([joint.tracking_tolerance for joint in own]),
@@ -436,8 +439,8 @@ class SceneBatch:
             goal[:, :3, 3] += twist[:, :3] * PERIOD_S
             turning = twist[:, 3:].any(axis=1)
             if turning.any():
-                turns = matrix_from_rotation_vector(twist[:, 3:] * PERIOD_S)
-                goal[:, :3, :3] = turns @ goal[:, :3, :3]
+                turns = matrices_from_rotation_vectors(twist[turning, 3:] * PERIOD_S)
+                goal[turning, :3, :3] = turns @ goal[turning, :3, :3]
             after = self._inverse(driven, goal, q[todo])
             haste = (np.abs(after - q[todo]) / (driven.fastest * PERIOD_S)).max(axis=1)
             slow = haste <= 1.0  # NaN out of reach is not
@@ -457,8 +460,8 @@ class SceneBatch:
     def _inverse(self, driven: _Driven, T: Array, near: Array) -> Array:
         """Return joint positions nearest to others with tips at poses in the world, (k, j)."""
         arm = driven.arm.description
-        own = np.linalg.inv(driven.base)
-        return nearest_solutions(arm.mechanism, arm.inverse_kinematics, own @ T, near)
+        structure = arm.inverse_kinematics
+        return nearest_solutions(arm.mechanism, structure, driven.T_arm_world @ T, near)
 
     # ------------------------------------------------------------------ judging
 

@@ -353,7 +353,13 @@ class Batch:
 
     def motion(self, worlds: Index) -> tuple[Array, Array]:
         """Return true positions and velocities of the joints in some worlds, (k, J) each."""
-        return self._qpos[worlds] @ self._table.drive.T, self._qvel[worlds] @ self._table.rate.T
+        places, rates = self._qpos[worlds][:, :, None], self._qvel[worlds][:, :, None]
+        q, qd = np.empty((2, len(worlds), len(self.names)))
+        for index in self._table.arms.values():  # arm by arm, as a World rounds
+            rows = index.rows
+            q[:, rows] = (self._table.drive[rows] @ places)[..., 0]
+            qd[:, rows] = (self._table.rate[rows] @ rates)[..., 0]
+        return q, qd
 
     def object_poses(self, worlds: Index) -> Array:
         """Return position and quaternion wxyz of each object in some worlds, (k, O, 7)."""

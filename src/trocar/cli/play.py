@@ -152,7 +152,7 @@ def _allow(args: Namespace) -> None:
     """Reject options that do nothing in the mode, or with the scene."""
     allow_overwrite(args, "record", "video", "plan", "foxglove_record")
     scene = load_scene(args.scene)
-    if args.policy in (None, "scripted", "none"):
+    if Path(args.policy or "").suffix.lower() != ".zip":
         allow(args, "with --policy FILE.zip", "trust")
     if args.register == "points" and scene.task != "suturing":
         allow(args, "with the scene suturing", "register")

@@ -269,9 +269,7 @@ def small_eyes(eyes: StereoCalibration, width: int, height: int) -> StereoCalibr
 def _episode(collection: Collection, seed: int) -> EpisodeLog:
     """Run an episode in a process that has perhaps run others before."""
     task, cameras = _stage(collection)
-    return record_episode(
-        task, seed, noise=collection.noise, cameras=cameras, mcap=collection.mcap
-    )
+    return record_episode(task, seed, noise=collection.noise, cameras=cameras, mcap=collection.mcap)
 
 
 @functools.cache
@@ -285,9 +283,7 @@ def _stage(collection: Collection) -> tuple[Task, Mapping[str, Callable[[], Imag
     eyes = cameras[name].calibration if name is not None else None
     if name is None or not isinstance(eyes, StereoCalibration):
         raise InputError(f"images: the rig of {task.scene.name} has no endoscope")
-    scope = Endoscope(
-        task.world, name, calibration=small_eyes(eyes, *collection.images), look=LOOK
-    )
+    scope = Endoscope(task.world, name, calibration=small_eyes(eyes, *collection.images), look=LOOK)
     return task, {LEFT: lambda: scope.capture().left}
 
 

@@ -21,7 +21,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar import __version__
 from trocar.descriptions.scenes import Scene
-from trocar.errors import DescriptionError, InputError, TrocarError, UnknownNameError
+from trocar.errors import (
+    DescriptionError,
+    InputError,
+    MissingExtraError,
+    TrocarError,
+    UnknownNameError,
+)
 from trocar.learning.features import SceneFeatures
 from trocar.learning.networks import (
     EnsembleSettings,
@@ -96,13 +102,14 @@ def save_policy(path: str | Path, policy: TrainedPolicy, overwrite: bool = False
         overwrite: existing files are replaced
 
     Raises:
-        InputError: another suffix, the files exist, or safetensors is not installed
+        InputError: another suffix, or the files exist
+        MissingExtraError: safetensors is not installed
         TrocarError: a file could not be written to its end
     """
     target = check_file(path, overwrite)
     if target.suffix != ".toml":
         raise InputError(f"{path}: allowed: a file that ends in .toml")
-    save = _safetensors().save
+    save = _safetensors(target).save
     beside = check_file(target.with_suffix(".safetensors"), overwrite)
     tensors: bytes = save(policy.network.tensors())
     network = policy.network
@@ -144,6 +151,7 @@ class PolicyFile:
 
     Raises:
         InputError: no such file, one that is not a policy or is broken, or one that needs `trust`
+        MissingExtraError: safetensors is not installed
     """
 
     def __init__(self, path: str | Path, trust: bool = False) -> None:
@@ -288,10 +296,7 @@ class PolicyFile:
         try:
             import stable_baselines3 as installed  # pyright: ignore[reportMissingTypeStubs]
         except ImportError:
-            raise InputError(
-                f"{self.path}: needs Stable-Baselines3, which is not installed: pip install"
-                " 'trocar[learn]'"
-            ) from None
+            raise MissingExtraError("Stable-Baselines3", "learn", str(self.path)) from None
         sb3 = cast(Any, installed)
         try:
             with zipfile.ZipFile(io.BytesIO(self._content)) as archive:
@@ -423,14 +428,11 @@ def _archive_settings(path: Path) -> dict[str, Any]:
     }
 
 
-def _safetensors() -> Any:
+def _safetensors(path: Path) -> Any:
     try:
         import safetensors.numpy as installed
     except ImportError:
-        raise InputError(
-            "policy files of trained networks need safetensors, which is not installed: pip install"
-            " 'trocar[learn]', or safetensors alone to play them"
-        ) from None
+        raise MissingExtraError("safetensors", "learn", str(path)) from None
     return installed
 
 
@@ -457,7 +459,7 @@ def _load(path: Path) -> TrainedPolicy:
             " training"
         )
     try:
-        tensors = _safetensors().load(content)
+        tensors = _safetensors(beside).load(content)
     except Exception as problem:  # noqa: BLE001  errors of safetensors derive from Exception alone
         raise InputError(f"{beside}: cannot be read: {problem}") from None
     layout = table.table("network")

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.errors import InputError, SingularError, UnreachableError
 from trocar.geometry.rotations import matrix_from_rotation_vector
-from trocar.geometry.se3 import inverse
+from trocar.geometry.se3 import inverse, translation
 from trocar.simulation import World
 from trocar.simulation.arm import Arm
 
@@ -78,8 +78,10 @@ class TipController:
         limits: least and largest values of an action, (n,) each
         stalled: time for which each arm stayed though an action moves it, {arm: time} [s]
         stalls: why an arm stays now, {arm: reason}
-        registration: pose of the world as a PSM's kinematics report it in the world of actions and
-            observations, {arm: (4, 4)}; without an entry the two are one
+        bases: pose of the world as a PSM's kinematics report it in the world of actions and
+            observations, {arm: (4, 4)}, by the robots' errors of registration; without an entry the
+            two are one
+        corrections: by which images of the tips move these then, {arm: (3,)} [m]
     """
 
     def __init__(self, world: World, arms: Sequence[str], label: str) -> None:
@@ -113,10 +115,12 @@ class TipController:
         self._targets: dict[str, Array] = {}
         self.stalled: dict[str, float] = {}
         self.stalls: dict[str, str] = {}
-        self.registration: dict[str, Array] = {}
+        self.bases: dict[str, Array] = {}
+        self.corrections: dict[str, Array] = {}
 
     def begin(self) -> None:
         """Hold the arms where they are, with nothing counted."""
+        self.register()
         for name, driven in self._driven.items():
             self._joints[name] = driven.arm.joints.setpoints()
             if driven.arm.description.type == "PSM":
@@ -169,7 +173,27 @@ class TipController:
             if jaw is not None:
                 jaw.servo_jp(q[own:], v[own:])
 
+    def register(self) -> None:
+        """Set `bases`: a reset draws errors of the camera's reported pose, which PSMs stand in."""
+        errors = self.world.servos.errors
+        self.bases.clear()
+        if errors is None or not errors.registration:
+            return
+        scopes = [one for one in self.world.cameras().values() if one.kind == "endoscope"]
+        T = scopes[0].T_world_camera if scopes else np.eye(4)
+        for arm, reported in errors.registration.items():
+            if arm in self._driven:
+                self.bases[arm] = T @ reported @ inverse(T)
+
     # ------------------------------------------------------------------ looking
+
+    def registration(self, arm: str) -> Array | None:
+        """Return an arm's base, corrected, (4, 4); None where it is the world itself."""
+        base, way = self.bases.get(arm), self.corrections.get(arm)
+        if way is None:
+            return base
+        moved = translation(way)
+        return moved if base is None else moved @ base
 
     def tip(self, arm: str) -> Array:
         """Return the measured pose of a tip in the world, (4, 4)."""
@@ -264,12 +288,12 @@ class TipController:
             pushed = beyond & (ahead > np.abs(q[:-1] - measured[:-1]))
             if pushed.any():
                 return f"{joints[int(pushed.argmax())].name} is held back"
-        T = self.registration.get(name)
+        T = self.registration(name)
         self._targets[name], q[:-1] = goal if T is None else inverse(T) @ goal, after
         return ""
 
     def _registered(self, arm: str, tip: Array) -> Array:
-        T = self.registration.get(arm)
+        T = self.registration(arm)
         return tip if T is None else T @ tip
 
     def _inverse(self, driven: _Driven, T: Array, near: Array) -> Array:
@@ -277,7 +301,7 @@ class TipController:
         own = driven.T_arm_world
         if own is None:
             own = inverse(self.world.reference_pose(driven.arm.name))
-        registration = self.registration.get(driven.arm.name)
+        registration = self.registration(driven.arm.name)
         if registration is not None:
             own = own @ inverse(registration)
         return driven.arm.local.inverse_kinematics(own @ T, near[:-1])

@@ -212,7 +212,7 @@ class Referee:
     # ------------------------------------------------------------------ inside
 
     def _tip(self, arm: str) -> Array:
-        """Return where a tip truly is, whatever its encoders report, (3,) [m]."""
+        """Return the true place of a tip, whatever its encoders report, (3,) [m]."""
         world = self._world
         if world.errors is None:
             return world.arms[arm].measured_cp("world").matrix[:3, 3]

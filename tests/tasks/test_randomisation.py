@@ -4,45 +4,32 @@ from __future__ import annotations
 
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
+from trocar.descriptions.catalogue import load_scene
+from trocar.descriptions.randomisation import PRESETS, Randomisation, TipSource, read_randomisation
 from trocar.errors import DescriptionError, InputError, UnknownNameError
-from trocar.geometry.rotations import rotation_z
+from trocar.geometry.rotations import matrix_from_quaternion, rotation_z
 from trocar.geometry.se3 import inverse, transform
-from trocar.learning import randomisation as module
-from trocar.learning.randomisation import (
-    FIELDS,
-    PRESETS,
-    Randomisation,
-    Sight,
-    randomised_task,
-    randomised_world,
-    read_randomisation,
-    sight_of,
-    with_errors,
-)
-from trocar.learning.readings import SceneReadings, read_task
+from trocar.learning.readings import read_task
 from trocar.rendering import Look
 from trocar.tasks import Task, make_task, run_episode
+from trocar.tasks.randomisation import FIELDS, RandomisedWorld, Sight
 
 SCENE = "needle-pick"
 #: Velocities of the tip [m/s, rad/s], and an open jaw.
 ACTION = np.array([0.03, -0.02, -0.02, 0.1, 0.2, 0.3, 0.5])
 
 
-def joined(a: SceneReadings, b: SceneReadings) -> SceneReadings:
-    """Join the readings of two worlds."""
+def randomised(spreads: Randomisation | str, tips: TipSource = "robot", scene: str = SCENE) -> Task:
+    return make_task(load_scene(scene).randomised(spreads, tips))
 
-    def both(one: Any, two: Any) -> Any:
-        if isinstance(one, dict):
-            return {name: both(one[name], two[name]) for name in one}
-        return one if isinstance(one, tuple) else np.concatenate([one, two])
 
-    found = {f.name: both(getattr(a, f.name), getattr(b, f.name)) for f in fields(a)}
-    return SceneReadings(**found)
+def part(task: Task) -> RandomisedWorld:
+    assert task.randomised is not None
+    return task.randomised
 
 
 def moved(task: Task, seed: int, periods: int = 25) -> bytes:
@@ -55,18 +42,18 @@ def moved(task: Task, seed: int, periods: int = 25) -> bytes:
 
 @pytest.fixture(scope="module")
 def lab() -> Task:
-    return randomised_task(SCENE, "lab", tips="camera")
+    return randomised("lab", "camera")
 
 
 def test_none_is_the_scene_itself_to_the_last_bit() -> None:
-    own = randomised_task(SCENE, "none")
-    assert randomised_world(own) is None and sight_of(own) is None
+    own = randomised("none")
+    assert own.randomised is None
     assert moved(own, 3) == moved(make_task(SCENE), 3)
 
 
 def test_a_randomisation_without_spreads_moves_as_the_scene_to_the_last_bit() -> None:
-    still = randomised_task(SCENE, Randomisation(colour_noise=0.1))
-    assert randomised_world(still) is not None
+    still = randomised(Randomisation(colour_noise=0.1))
+    assert still.randomised is not None
     assert moved(still, 3) == moved(make_task(SCENE), 3)
 
 
@@ -74,12 +61,12 @@ def test_an_episode_is_a_function_of_its_seed_whatever_came_before(lab: Task) ->
     first = moved(lab, 1)
     assert moved(lab, 2) != first
     assert moved(lab, 1) == first
-    assert moved(randomised_task(SCENE, "lab", tips="camera"), 1) == first
+    assert moved(randomised("lab", "camera"), 1) == first
 
 
 def test_one_spread_does_not_move_what_the_others_draw() -> None:
-    alone = randomised_task(SCENE, Randomisation(object_mass=0.1))
-    lab = randomised_task(SCENE, replace(read_randomisation("lab"), errors=""))
+    alone = randomised(Randomisation(object_mass=0.1))
+    lab = randomised(replace(read_randomisation("lab"), errors=""))
     alone.reset(4)
     lab.reset(4)
     assert np.array_equal(alone.world.mj_model.body_mass, lab.world.mj_model.body_mass)
@@ -87,13 +74,12 @@ def test_one_spread_does_not_move_what_the_others_draw() -> None:
 
 
 def test_draws_stay_within_their_spreads_and_differ(lab: Task) -> None:
-    part, nominal = randomised_world(lab), make_task(SCENE).world.mj_model
-    assert part is not None
+    nominal = make_task(SCENE).world.mj_model
     gains, masses, damping = [], [], []
     body = nominal.body("needle").id
     for seed in range(20):
         lab.reset(seed)
-        gains.append(part.gains)
+        gains.append(lab.world.servos.gains[:, 0] / lab.world.joints.gains[:, 0])
         masses.append(lab.world.mj_model.body_mass[body] / nominal.body_mass[body])
         dofs = nominal.dof_damping > 0.0
         damping.append(lab.world.servos.friction[1][: len(dofs)][dofs] / nominal.dof_damping[dofs])
@@ -116,7 +102,7 @@ def test_an_object_keeps_its_inverse_weight_times_its_mass(lab: Task) -> None:
 
 
 def test_fields_that_are_not_drawn_are_the_compiled_ones() -> None:
-    task = randomised_task(SCENE, Randomisation(object_mass=0.1))
+    task = randomised(Randomisation(object_mass=0.1))
     nominal, drawn = make_task(SCENE).world.mj_model, task.world.mj_model
     for name in set(FIELDS) - {"body_mass", "body_inertia", "body_subtreemass"}:
         if "invweight" not in name and name != "dof_M0":
@@ -140,8 +126,8 @@ def test_a_saved_world_goes_on_with_its_own_draws(lab: Task) -> None:
 def test_an_action_moves_a_registered_tip_in_axes_of_the_world() -> None:
     task = make_task(SCENE)
     T = transform(rotation_z(0.5), [0.002, -0.001, 0.003])
-    task.controller.registration["PSM1"] = T
     task.reset(0)
+    task.controller.bases["PSM1"] = T
     for _ in range(10):  # begins to move
         task.command(ACTION)
     before = task.controller.target("PSM1")
@@ -155,7 +141,7 @@ def test_an_action_moves_a_registered_tip_in_axes_of_the_world() -> None:
 
 
 def test_goals_are_judged_by_the_true_tip() -> None:
-    task = make_task(with_errors("needle-reach", "wide"))
+    task = make_task(load_scene("needle-reach").with_errors("wide"))
     ((goal, at),) = task.goals
     run_episode(task, 2)
     true = task.world.true_state("PSM1").world[:3, 3]
@@ -173,7 +159,7 @@ def off_m(task: Task) -> float:
 def test_a_camera_brings_the_observed_tip_to_the_true_one_while_it_moves() -> None:
     found: dict[str, list[float]] = {"robot": [], "camera": []}
     for tips in ("robot", "camera"):
-        task = randomised_task(SCENE, Randomisation(errors="lab"), tips=tips)
+        task = randomised(Randomisation(errors="lab"), tips)
         for seed in range(5):
             moved(task, seed)
             found[tips].append(off_m(task))
@@ -182,7 +168,7 @@ def test_a_camera_brings_the_observed_tip_to_the_true_one_while_it_moves() -> No
 
 
 def test_a_robots_observed_tips_have_the_errors_of_its_registration() -> None:
-    task = randomised_task(SCENE, Randomisation(errors="lab"))
+    task = randomised(Randomisation(errors="lab"))
     task.reset(3)
     errors = task.world.servos.errors
     assert errors is not None
@@ -195,82 +181,86 @@ def test_a_robots_observed_tips_have_the_errors_of_its_registration() -> None:
 # ------------------------------------------------------------------ sight
 
 
-def test_perfect_sight_changes_nothing(lab: Task) -> None:
-    lab.reset(0)
-    readings = read_task(lab)
-    sight = Sight(Randomisation(), lab.scene.goals)
-    sight.begin([0])
-    seen = sight.observe(readings)
-    assert seen.objects["needle"] == pytest.approx(readings.objects["needle"], abs=1e-12)
-    assert seen.achieved == pytest.approx(readings.achieved, abs=1e-12)
+def test_perfect_sight_changes_nothing() -> None:
+    poses = np.random.default_rng(0).normal(size=(1, 3, 7))
+    assert np.array_equal(Sight(Randomisation(), 3).see(poses), poses)
 
 
 def test_the_bias_of_an_objects_pose_lasts_an_episode_and_its_goal_moves_along() -> None:
-    task = randomised_task("needle-reach", Randomisation(object_bias=0.001))
-    sight = sight_of(task)
-    assert sight is not None
+    task = randomised(Randomisation(object_bias=0.001), scene="needle-reach")
     offs = []
     for seed in (1, 2):
         task.reset(seed)
-        sight.begin([seed])
         for _ in range(3):
             task.command(np.array([0, 0, 0, 0, 0, 0, 0.5]))
-            true, seen = read_task(task), sight.observe(read_task(task))
-            offs.append((seen.objects["needle"] - true.objects["needle"])[0, :3])
-            assert (seen.goals - true.goals)[0, 0] == pytest.approx(offs[-1], abs=1e-12)
+            seen, true = read_task(task), task.object_pose("needle")[:3, 3]
+            offs.append(seen.objects["needle"][0, :3] - true)
+            assert task.observation()["needle"][:3] == pytest.approx(true + offs[-1], abs=1e-12)
+            ((goal, at),) = task.goals
+            assert seen.goals[0, 0] == pytest.approx(at + true + offs[-1], abs=1e-12)
+            assert goal.object == "needle"
     assert offs[0] == pytest.approx(offs[2], abs=1e-9)
     assert np.linalg.norm(offs[0] - offs[3]) > 1e-4
     assert 1e-4 < np.linalg.norm(offs[0]) < 5e-3
 
 
+def test_a_goal_on_an_object_is_seen_where_the_object_is_seen() -> None:
+    scene = replace(load_scene("icra2026-peg-transfer"), hidden=())
+    task = make_task(scene.randomised(Randomisation(object_bias=0.001, object_bias_turn=0.02)))
+    true = make_task(scene)
+    for one in (task, true):
+        one.reset(3)
+    seen, places = read_task(task), read_task(true)
+    for k, (goal, at) in enumerate(task.goals):
+        found = []
+        for readings in (seen, places):
+            pose = readings.objects[goal.on][0]
+            T = transform(matrix_from_quaternion(pose[3:]), pose[:3])
+            found.append((T @ [*at, 1.0])[:3])
+            assert readings.goals[0, k] == pytest.approx(found[-1], abs=1e-12)
+        assert np.linalg.norm(found[0] - found[1]) > 1e-4
+
+
 def test_seen_objects_are_as_old_as_the_image() -> None:
-    task = make_task(SCENE)
-    sight = Sight(Randomisation(vision_age=0.04), task.scene.goals)
+    task = randomised(Randomisation(vision_age=0.04))
     task.reset(0)
-    sight.begin([0])
     task.world.objects["needle"].set_cp(transform(np.eye(3), [0.0, 0.0, 0.05]))  # falls
-    true, seen = [], []
+    task.begin()
+    true, seen = [task.object_pose("needle")[:3, 3]], [read_task(task).objects["needle"][0, :3]]
     for _ in range(4):
         task.command(ACTION)
-        true.append(read_task(task).objects["needle"][0])
-        seen.append(sight.observe(read_task(task)).objects["needle"][0])
+        true.append(task.object_pose("needle")[:3, 3])
+        seen.append(read_task(task).objects["needle"][0, :3])
     assert not np.allclose(true[0], true[1], atol=1e-6)
-    assert np.array(seen) == pytest.approx(np.array([true[0], true[0], true[0], true[1]]), abs=1e-9)
+    expected = [true[0], true[0], true[0], true[1], true[2]]
+    assert np.array(seen) == pytest.approx(np.array(expected), abs=1e-9)
 
 
 def test_n_worlds_are_seen_as_each_alone() -> None:
-    task, spread = make_task(SCENE), read_randomisation("wide")
-    rows = []
-    for seed in (0, 1):
-        task.reset(seed)
-        rows.append([])
-        for _ in range(8):
-            task.command(ACTION)
-            rows[-1].append(read_task(task))
+    spread = read_randomisation("wide")
+    poses = np.random.default_rng(0).normal(size=(2, 16, 1, 3, 7))
+    poses[..., 3:] /= np.linalg.norm(poses[..., 3:], axis=-1, keepdims=True)
     alone = []
-    for seed, row in enumerate(rows):
-        sight = Sight(spread, task.scene.goals)
+    for seed, row in enumerate(poses):
+        sight = Sight(spread, 3)
         sight.begin([seed])
-        alone.append([sight.observe(one).objects["needle"][0] for one in row])
-    both = Sight(spread, task.scene.goals, 2)
-    both.begin([0, 1])
-    for k in range(4):
-        seen = both.observe(joined(rows[0][k], rows[1][k])).objects["needle"]
+        alone.append([sight.see(one)[0] for one in row[:8]])
+    both = Sight(spread, 3, 2)
+    both.begin([0, 1], [0, 1])
+    for k in range(8):
+        seen = both.see(poses[:, k, 0], [0, 1])
         assert seen == pytest.approx(np.array([alone[0][k], alone[1][k]]), abs=1e-12)
-    both.begin([1], [0])  # the first world begins the second one's episode
-    for k in range(4):
-        seen = both.observe(joined(rows[1][k], rows[1][k + 4])).objects["needle"]
-        assert seen == pytest.approx(np.array([alone[1][k], alone[1][k + 4]]), abs=1e-12)
+    both.begin([1], [0])  # the first world begins the second one's episode, the other rests
+    for k in range(8):
+        assert both.see(poses[1, k], [0])[0] == pytest.approx(alone[1][k], abs=1e-12)
 
 
 def test_the_look_and_the_camera_follow_from_the_seed(lab: Task) -> None:
-    part = randomised_world(lab)
-    assert part is not None
     looks, places = [], []
     for seed in (1, 2, 1):
         lab.reset(seed)
-        looks.append(part.look_of(Look(exposure=0.0)))
-        places.append(part.seen_from(lab.world.camera("endoscope")).T_world_camera)
+        looks.append(part(lab).look_of(Look(exposure=0.0)))
+        places.append(part(lab).seen_from(lab.world.camera("endoscope")).T_world_camera)
     assert looks[0] == looks[2] != looks[1]
     assert looks[0].noise == 0.03 and looks[0].exposure != 0.0
     assert np.array_equal(places[0], places[2])
@@ -313,15 +303,25 @@ def test_broken_files_name_the_key(tmp_path: Path, text: str, message: str) -> N
 
 
 def test_unknown_presets_and_tips_are_named() -> None:
+    scene = load_scene(SCENE)
     with pytest.raises(UnknownNameError, match="wide"):
-        randomised_task(SCENE, "wild")
+        scene.randomised("wild")
     with pytest.raises(UnknownNameError, match="perfect"):
-        with_errors(SCENE, "none")
+        scene.with_errors("none")
     with pytest.raises(InputError, match="tips: got 'eye'; allowed: robot, camera"):
-        randomised_task(SCENE, "lab", tips="eye")  # pyright: ignore[reportArgumentType]
+        scene.randomised("lab", "eye")  # pyright: ignore[reportArgumentType]
+
+
+def test_settings_of_a_scene_name_errors_randomisation_and_tips() -> None:
+    found = load_scene(SCENE, {"randomise": "lab", "tips": "camera"})
+    assert found.randomisation == read_randomisation("lab")
+    assert found.tips == "camera" and found.rig.errors is not None and not found.welded
+    assert load_scene(SCENE, {"errors": "wide"}).rig.errors == found.with_errors("wide").rig.errors
+    for key, value in (("errors", "worn"), ("randomise", "labs"), ("tips", "eye")):
+        with pytest.raises(DescriptionError, match=f"needle-pick.toml: {key}: .*{value}"):
+            load_scene(SCENE, {key: value})
 
 
 def test_the_expert_picks_on_a_lab_robot_that_a_camera_registers() -> None:
-    task = randomised_task(SCENE, "lab", tips="camera")
-    assert module.PART in task.world.parts
+    task = randomised("lab", "camera")
     assert sum(run_episode(task, seed).success for seed in range(3)) == 3

@@ -318,7 +318,8 @@ class Sight:
         if self._noise_scale.any():
             white = np.empty_like(error)
             for row, world in enumerate(which.tolist()):
-                white[row] = self._rngs[world].standard_normal(error.shape[1:])
+                rng: np.random.Generator = self._rngs[int(world)]
+                white[row] = rng.standard_normal(white.shape[1:])
             error = error + self._noise_scale * white
         found = self._past[-1, which]
         found[..., :3] += error[..., :3]

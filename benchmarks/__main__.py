@@ -84,6 +84,8 @@ def parse(words: Sequence[str]) -> tuple[Namespace, list[Experiment]]:
                                   all)
         --keep FILE:path          {of('keep')} (needle): keep episodes or runs in FILE, and do not
                                   run again those that it has
+        --policy FILE:path        {of('policy')}: a policy (see trocar play) in place of the scenes'
+                                  own; without --scene, on the scene that it was trained on
         --live S:duration         {of('live')}: time of the cart in real time, its page in a
                                   headless browser (default: 60)
         -o,--output PNG:path      {of('output')}: plot it
@@ -102,6 +104,12 @@ def parse(words: Sequence[str]) -> tuple[Namespace, list[Experiment]]:
         action="store_const",
         const="",
         help="scope: a program loads the page instead",
+    )
+    parser.add_argument(
+        "--trust",
+        action="store_const",
+        const="",
+        help="tasks: the archive of --policy may be unpickled, which can run any code",
     )
     add_json(parser)
     if folder := os.environ.get("TROCAR_HARDWARE_DATA"):

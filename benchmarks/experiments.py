@@ -51,9 +51,15 @@ EXPERIMENTS = (
     ),
     Experiment(
         "tasks",
-        "success, time, forces and speed of the scripted policies of all scenes",
+        "success, time, forces and speed of the scripted policies of all scenes, or of another",
         "benchmarks.tasks:tasks",
-        {"scene": "scenes", "episodes": "episodes", "keep": "file"},
+        {
+            "scene": "scenes",
+            "episodes": "episodes",
+            "keep": "file",
+            "policy": "policy",
+            "trust": "trust",
+        },
         {"scenes": (), "episodes": 50},
     ),
     Experiment(

@@ -67,7 +67,8 @@ def test_plans_undo_the_actions_that_they_are_made_of(scene: str) -> None:
     labels = plans.labels(readings, actions, length).reshape(-1, length, plans.width)
     for k in range(length):  # planned k periods ago, carried out as if now
         then, now = rows(readings, slice(0, 40 - k)), rows(readings, slice(k, 40))
-        found = plans.actions(labels[: 40 - k, k].astype(np.float64), then, now)
+        planned = plans.setpoints(labels[: 40 - k].astype(np.float64), then)
+        found = plans.actions(planned[:, k : k + 1], now)[:, 0]
         # float32 of 50 mm at a scale of 50 per metre, over a period: 1e-7 * 2.5 / 50 / 0.02
         np.testing.assert_allclose(found, actions[k:], atol=2e-5)
 

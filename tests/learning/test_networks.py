@@ -117,8 +117,8 @@ def test_an_ensemble_of_one_plan_reaches_its_first_set_point(task: Task) -> None
     ensemble = TemporalEnsemble(of, settings, task)
     for _ in range(3):
         now = read_task(task)
-        first = of(features.encode(now)).astype(np.float64).reshape(1, 4, plans.width)[:, 0]
-        wanted = plans.actions(first, now, now)
+        made = of(features.encode(now)).astype(np.float64).reshape(1, 4, plans.width)
+        wanted = plans.actions(plans.setpoints(made, now)[:, :1], now)[:, 0]
         action = ensemble.act(now)
         np.testing.assert_allclose(action, wanted, rtol=1e-12)
         task.command(action[0])
@@ -130,19 +130,20 @@ def test_an_ensemble_weighs_the_oldest_plan_most(task: Task) -> None:
     plans, features = SetpointPlans(task), SceneFeatures(task)
     of = random_network((features.size, 3 * plans.width), outputs=(0.0, 1e-2))
     ensemble = TemporalEnsemble(of, settings, task)
-    seen, made, action = [], [], np.zeros((1, 7))
+    made: list[np.ndarray] = []
+    now, action = read_task(task), np.zeros((1, 7))
     for _ in range(4):
         now = read_task(task)
-        seen.append(now)
-        made.append(of(features.encode(now)).astype(np.float64).reshape(1, 3, plans.width))
+        plan = of(features.encode(now)).astype(np.float64).reshape(1, 3, plans.width)
+        made.append(plans.setpoints(plan, now))
         action = ensemble.act(now)
         task.command(action[0])
-    older = plans.actions(made[2][:, 1], seen[2], seen[3])
-    newer = plans.actions(made[3][:, 0], seen[3], seen[3])
+    older = plans.actions(made[2][:, 1:2], now)[:, 0]
+    newer = plans.actions(made[3][:, :1], now)[:, 0]
     share = 1.0 / (1.0 + np.exp(-0.5))
     np.testing.assert_allclose(action, share * older + (1.0 - share) * newer, rtol=1e-9)
     ensemble.begin()
-    np.testing.assert_allclose(ensemble.act(seen[3]), newer, rtol=1e-12)
+    np.testing.assert_allclose(ensemble.act(now), newer, rtol=1e-12)
 
 
 def test_a_network_of_another_scene_is_one_error(task: Task) -> None:

@@ -164,36 +164,55 @@ class SetpointPlans:
             plan[..., 6] = rates[later, 6]
         return (found * self.scale).reshape(count, -1).astype(np.float32)
 
-    def actions(
-        self,
-        rows: Array,
-        planned: SceneReadings,
-        now: SceneReadings,
-    ) -> Array:
-        """Compute the actions that reach rows of plans within a period; undoes `labels`.
+    def setpoints(self, plans: Array, readings: SceneReadings) -> Array:
+        """Return the set-points of plans, independent of the tips.
 
         Args:
-            rows: of this period, (n, width)
-            planned: readings when these were planned
-            now: readings now
+            plans: (n, length, width)
+            readings: when they were planned
 
         Returns:
-            (n, width)
+            (n, length, k): for a PSM, position of the tip (3), its rotation matrix by rows (9),
+            opening of the jaw; for an ECM, positions of its joints
         """
-        found = rows / self.scale
+        found: list[Array] = []
         for name, part in self._parts.items():
-            plan = found[:, part]
+            plan = plans[:, :, part] / self.scale[part]
             if name not in self._psms:
-                plan += planned.q[name] - now.setpoints[name]
-                plan /= PERIOD_S
+                found.append(plan + readings.q[name][:, None])
                 continue
-            tips, targets = planned.tips[name], now.targets[name]
-            plan[:, :3] += tips[:, :3, 3] - targets[:, :3, 3]
-            turns = matrix_from_rotation_vector(plan[:, 3:6]) @ tips[:, :3, :3]
-            back = np.swapaxes(targets[:, :3, :3], 1, 2)
-            plan[:, 3:6] = rotation_vector_from_matrix(turns @ back)
-            plan[:, :6] /= PERIOD_S
-        return found
+            tips = readings.tips[name][:, None]
+            turns = matrix_from_rotation_vector(plan[..., 3:6]) @ tips[..., :3, :3]
+            found += [plan[..., :3] + tips[..., :3, 3], turns.reshape(*plan.shape[:2], 9)]
+            found.append(plan[..., 6:])
+        return np.concatenate(found, axis=2)
+
+    def actions(self, setpoints: Array, readings: SceneReadings) -> Array:
+        """Compute the actions that reach set-points within a period; undoes `labels`.
+
+        Args:
+            setpoints: m of each world, (n, m, k)
+            readings: now
+
+        Returns:
+            (n, m, width)
+        """
+        found: list[Array] = []
+        at = 0
+        for name in self._parts:
+            if name not in self._psms:
+                before = readings.setpoints[name][:, None]
+                found.append((setpoints[:, :, at : at + before.shape[2]] - before) / PERIOD_S)
+                at += before.shape[2]
+                continue
+            places, turns = setpoints[:, :, at : at + 3], setpoints[:, :, at + 3 : at + 12]
+            targets = readings.targets[name][:, None]
+            back = np.swapaxes(targets[..., :3, :3], 2, 3)
+            turn = rotation_vector_from_matrix(turns.reshape(*turns.shape[:2], 3, 3) @ back)
+            found += [(places - targets[..., :3, 3]) / PERIOD_S, turn / PERIOD_S]
+            found.append(setpoints[:, :, at + 12 : at + 13])
+            at += 13
+        return np.concatenate(found, axis=2)
 
     def capped(self, actions: Array, speed_m_s: float, spin_rad_s: float) -> Array:
         """Return actions with the velocities of tips no longer than given.

@@ -241,7 +241,7 @@ class TemporalEnsemble:
                 f"network: got {found[0]} inputs and {found[1]} outputs; allowed for"
                 f" {task.scene.name}: {allowed[0]} and {allowed[1]}"
             )
-        self._made: list[tuple[SceneReadings, Array]] = []
+        self._made: list[Array] = []  # set-points of the last plans
 
     def begin(self) -> None:
         """Forget all plans, at the begin of an episode."""
@@ -258,14 +258,11 @@ class TemporalEnsemble:
         """
         plans, settings = self._plans, self._settings
         made = self._network(self._features.encode(readings)).astype(np.float64)
-        self._made.append((readings, made.reshape(len(readings), settings.length, plans.width)))
+        made = made.reshape(len(readings), settings.length, plans.width)
+        self._made.append(plans.setpoints(made, readings))
         self._made = self._made[-min(settings.most, settings.length) :]
         count = len(self._made)
+        due = np.stack([one[:, count - 1 - k] for k, one in enumerate(self._made)], axis=1)
         weights = np.exp(-settings.decay * np.arange(count))
-        weights /= weights.sum()
-        total = np.zeros((len(readings), plans.width))
-        for age, weight, (planned, rows) in zip(
-            range(count - 1, -1, -1), weights, self._made, strict=True
-        ):
-            total += weight * plans.actions(rows[:, age], planned, readings)
+        total = weights / weights.sum() @ plans.actions(due, readings)
         return plans.capped(total, settings.speed_m_s, settings.spin_rad_s)

@@ -458,8 +458,9 @@ def _load(path: Path) -> TrainedPolicy:
             f"{beside}: is not the file that was written with {path.name}; allowed: both of one"
             " training"
         )
+    load = _safetensors(beside).load
     try:
-        tensors = _safetensors(beside).load(content)
+        tensors = load(content)
     except Exception as problem:  # noqa: BLE001  errors of safetensors derive from Exception alone
         raise InputError(f"{beside}: cannot be read: {problem}") from None
     layout = table.table("network")

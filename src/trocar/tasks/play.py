@@ -23,10 +23,10 @@ from trocar.tasks.task import Episode, Task
 Array = NDArray[np.float64]
 #: Returns an action from an observation.
 Policy = Callable[[dict[str, Array]], ArrayLike]
-Result = TypeVar("Result")
 #: Returns the actions of an episode from its task, after the reset, one every 20 ms; to run on
 #: workers, it can be pickled.
 Script = Callable[[Task], Iterator[Array]]
+Result = TypeVar("Result")
 
 #: Time within which an own policy must return an action. Source: our own choice. [s]
 PATIENCE_S = 10.0
@@ -114,15 +114,13 @@ def play(
         InputError: no such scene, workers below 1, no such cluster
         TrocarError: what an episode raised, or its worker died three times
     """
-    if workers < 1:
-        raise InputError(f"workers: got {workers}; allowed: 1 or more")
     if workers == 1 and not cluster:
         task = make_task(scene)
         for seed in seeds:
             yield run_episode(task, seed, script=script, duration_s=duration_s, watch=watch)
         return
     label = scene if isinstance(scene, str) else scene.name
-    run = _Series(scene, script, duration_s).episode
+    run = functools.partial(_episode, scene, script, duration_s=duration_s)
     yield from each_seed(run, seeds, label, workers, cluster)
 
 
@@ -157,19 +155,6 @@ def each_seed(
         pool.close()
 
 
-@dataclass(frozen=True)
-class _Series:
-    """What episodes of different seeds have in common; see `play`."""
-
-    scene: Scene | str
-    script: Script
-    duration_s: float
-
-    def episode(self, seed: int) -> Episode:
-        """Run an episode in a process that has perhaps run others of the scene before."""
-        return run_episode(_task(self.scene), seed, script=self.script, duration_s=self.duration_s)
-
-
 def _on_cluster(
     run: Callable[[int], Result], seeds: Sequence[int], label: str, address: str, workers: int
 ) -> Iterator[Result]:
@@ -190,7 +175,7 @@ def _on_cluster(
         allowed = "HOST:PORT of a Ray cluster, or local"
         raise InputError(f"--cluster: got {address!r}: {problem}; allowed: {allowed}") from None
     try:
-        remote = ray.remote(_call).options(max_retries=ATTEMPTS - 1)
+        remote = ray.remote(_run).options(max_retries=ATTEMPTS - 1)
         shared = ray.put(run)
         answers = [remote.remote(shared, seed) for seed in seeds]
         for seed, due in zip(seeds, answers, strict=True):
@@ -206,10 +191,15 @@ def _on_cluster(
         ray.shutdown()
 
 
+def _episode(scene: Scene | str, script: Script, seed: int, duration_s: float) -> Episode:
+    """Run an episode in a process that has perhaps run others of the scene before."""
+    return run_episode(_task(scene), seed, script=script, duration_s=duration_s)
+
+
 _task = functools.cache(make_task)
 
 
-def _call(run: Callable[[int], Result], seed: int) -> Result:
+def _run(run: Callable[[int], Result], seed: int) -> Result:
     return run(seed)
 
 

@@ -11,10 +11,15 @@ from __future__ import annotations
 import re
 import shlex
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_json, add_overwrite, allow, options
 from trocar.cli.output import print_result, progress_bar
 from trocar.errors import InputError
+
+if TYPE_CHECKING:
+    from trocar.tasks.play import Script
 
 SUMMARY = "collect episodes of a scene as a LeRobot dataset"
 ORDER = 16
@@ -31,8 +36,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         --episodes N:int = 100   episodes to run, with the seeds that follow
         --seed N:int = 0         seed of the first episode
         --policy POLICY = scripted
-                                 scripted: the scene's own policy; for episodes of a person see
-                                 trocar learn export
+                                 scripted: the scene's own policy; FILE: a policy of one's own (see
+                                 trocar play); for episodes of a person see trocar learn export
+        --trust                  of --policy FILE.zip: unpickle it, which can run any code
         --noise X:number = 0     noise that is added to the policy's velocities, as a ratio of the
                                  largest; the dataset keeps the policy's own actions
         --mcap                   also record each episode as MCAP
@@ -68,15 +74,16 @@ def run(args: Namespace) -> int:
     if args.policy == "teleop":
         raise InputError(
             f"--policy: got teleop; record with `trocar play {args.scene} --policy none --record"
-            " FILE`, then `trocar learn export FILE -o DIR`; allowed: scripted"
+            " FILE`, then `trocar learn export FILE -o DIR`; allowed: scripted, or a policy file"
         )
-    if args.policy != "scripted":
-        raise InputError(f"--policy: got {args.policy}; allowed: scripted")
+    if args.policy == "scripted":
+        allow(args, "with --policy FILE.zip", "trust")
     if args.cluster not in (None, "local"):
         allow(args, "without --cluster HOST:PORT", "workers")
     from trocar.learning.collecting import Collection, collect
 
-    collection = Collection(args.scene, args.noise, args.images, args.mcap)
+    script, name = _policy(args)
+    collection = Collection(args.scene, script, name, args.noise, args.images, args.mcap)
     seeds = range(args.seed, args.seed + args.episodes)
     with progress_bar("episodes") as draw:
         found = collect(
@@ -107,6 +114,22 @@ def run(args: Namespace) -> int:
         ),
     )
     return 0
+
+
+def _policy(args: Namespace) -> tuple[Script, str]:
+    """Return the policy and its name."""
+    from trocar.descriptions.catalogue import load_scene
+    from trocar.tasks.play import scripted
+
+    if args.policy == "scripted":
+        return scripted, "scripted"
+    from trocar.learning.policies import ALLOWED, PolicyFile
+
+    if not Path(args.policy).suffix:
+        raise InputError(f"--policy: got {args.policy!r}; allowed: scripted, or a file: {ALLOWED}")
+    found = PolicyFile(args.policy, args.trust)
+    found.check(load_scene(args.scene))
+    return found.script, found.name
 
 
 def _command(args: Namespace) -> str:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.cameras import Intrinsics, StereoCalibration
 from trocar.descriptions.calibrated import rig_overlays
 from trocar.descriptions.scenes import Scene
 from trocar.errors import InputError, TrocarError
@@ -19,13 +18,13 @@ from trocar.geometry.rotations import quaternion_from_matrix
 from trocar.learning.cards import write_card
 from trocar.learning.episodes import EpisodeLog, record_episode
 from trocar.learning.films import Image
+from trocar.learning.images import SceneCamera
 from trocar.learning.lerobot import DatasetWriter, Feature
 from trocar.learning.observations import StateEncoder
 from trocar.outputs import whole_folder
-from trocar.rendering import Endoscope, Look
 from trocar.tasks import Episode, Task, make_task
 from trocar.tasks.controller import PERIOD_S
-from trocar.tasks.play import each_seed
+from trocar.tasks.play import Script, each_seed, scripted
 
 Array = NDArray[np.float64]
 
@@ -33,11 +32,6 @@ Array = NDArray[np.float64]
 RATE_HZ = round(1.0 / PERIOD_S)
 #: Images of the left eye. Source: names of LeRobot.
 LEFT = "observation.images.left"
-#: Light of images: no shadows, and an exposure that does not follow the image. Source: our own
-#: choice; with shadows and automatic exposure an image takes four times as long.
-LOOK = Look(shadows=False, exposure=1.0)
-#: Sides of an image [px]. Source: our own choice.
-SIDES = 16, 2048
 UNITS = {"revolute": "rad", "prismatic": "m"}
 POSE = ("x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
 
@@ -48,8 +42,10 @@ class Collection:
 
     Attributes:
         scene: a scene, its name, or the path of its file
+        script: the policy
+        policy: its name, for the card
         noise: as of `record_episode`
-        images: width and height of the left eye's images [px], None for none
+        images: width and height of the left eye's images [px], None for none; see `SceneCamera`
         mcap: also record the world of each episode
 
     Raises:
@@ -57,6 +53,8 @@ class Collection:
     """
 
     scene: Scene | str
+    script: Script = scripted
+    policy: str = "scripted"
     noise: float = 0.0
     images: tuple[int, int] | None = None
     mcap: bool = False
@@ -64,11 +62,9 @@ class Collection:
     def __post_init__(self) -> None:
         if not 0.0 <= self.noise <= 1.0:
             raise InputError(f"noise: got {self.noise:g}; allowed: 0 to 1")
-        low, high = SIDES
-        for side in self.images or ():
-            if side % 2 or not low <= side <= high:
-                got = "{}x{}".format(*self.images or ())
-                raise InputError(f"images: got {got}; allowed: even sides from {low} to {high} px")
+        if any(side % 2 for side in self.images or ()):
+            got = "{}x{}".format(*self.images or ())
+            raise InputError(f"images: got {got}; allowed: even sides")
 
 
 @dataclass(frozen=True)
@@ -246,45 +242,29 @@ class EpisodeColumns:
         return np.concatenate([parts[name] for name in names], axis=1) if names else np.zeros((0,))
 
 
-def small_eyes(eyes: StereoCalibration, width: int, height: int) -> StereoCalibration:
-    """Return the middle of a camera's images with fewer, square pixels.
-
-    Args:
-        eyes: a camera without distortion
-        width, height: of the smaller images; the larger side shows all that the camera sees [px]
-    """
-    scale = max(width / eyes.left.width, height / eyes.left.height)
-
-    def small(eye: Intrinsics) -> Intrinsics:
-        K = np.diag([scale, scale, 1.0]) @ eye.K
-        K[:2, 2] = (width - 1) / 2.0, (height - 1) / 2.0
-        return Intrinsics(width, height, K)
-
-    return replace(eyes, left=small(eyes.left), right=small(eyes.right), rectification=None)
-
-
 # ------------------------------------------------------------------ inside
 
 
 def _episode(collection: Collection, seed: int) -> EpisodeLog:
     """Run an episode in a process that has perhaps run others before."""
-    task, cameras = _stage(collection)
-    return record_episode(task, seed, noise=collection.noise, cameras=cameras, mcap=collection.mcap)
+    task, cameras = _stage(collection.scene, collection.images)
+    return record_episode(
+        task,
+        seed,
+        collection.script,
+        noise=collection.noise,
+        cameras=cameras,
+        mcap=collection.mcap,
+    )
 
 
 @functools.cache
-def _stage(collection: Collection) -> tuple[Task, Mapping[str, Callable[[], Image]]]:
-    """Return the task of a collection, and its cameras."""
-    task = make_task(collection.scene)
-    if collection.images is None:
-        return task, {}
-    cameras = task.world.cameras()
-    name = next((c.name for c in task.world.rig.cameras if c.kind == "endoscope"), None)
-    eyes = cameras[name].calibration if name is not None else None
-    if name is None or not isinstance(eyes, StereoCalibration):
-        raise InputError(f"images: the rig of {task.scene.name} has no endoscope")
-    scope = Endoscope(task.world, name, calibration=small_eyes(eyes, *collection.images), look=LOOK)
-    return task, {LEFT: lambda: scope.capture().left}
+def _stage(
+    scene: Scene | str, images: tuple[int, int] | None
+) -> tuple[Task, Mapping[str, Callable[[], Image]]]:
+    """Return the task of a scene, and its cameras."""
+    task = make_task(scene)
+    return task, {LEFT: SceneCamera(task, images).capture} if images else {}
 
 
 def _name(scene: Scene | str) -> str:
@@ -331,7 +311,7 @@ def _card(
         "dynamics": rig.dynamics,
         "robot_errors": rig.errors is not None,
         "calibration": {arm: overlay.file for arm, overlay in rig_overlays(rig).items()},
-        "policy": "scripted",
+        "policy": collection.policy,
         "noise": collection.noise,
         "images": [] if size is None else [*size],
         "recordings": collection.mcap,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -17,10 +17,9 @@ from trocar.learning.readings import SceneReadings, read_task
 from trocar.recording import record
 from trocar.tasks import Episode, Task
 from trocar.tasks.controller import PERIOD_S
+from trocar.tasks.play import Script, scripted
 
 Array = NDArray[np.float64]
-#: Returns the actions of a policy from a task that was reset, as `Task.policy` yields them.
-Script = Callable[[Task], Iterator[Array]]
 
 #: Ratio of the noise of a period that is left in the next one. Source: our own choice; a time
 #: constant of 0.2 s moves the tip, where independent noise averages out.
@@ -58,7 +57,7 @@ class EpisodeLog:
 def record_episode(
     task: Task,
     seed: int,
-    script: Script | None = None,
+    script: Script = scripted,
     *,
     noise: float = 0.0,
     cameras: Mapping[str, Callable[[], Image]] | None = None,
@@ -69,7 +68,7 @@ def record_episode(
     Args:
         task: reset first
         seed: of the episode, and of the noise
-        script: the policy; default: that of the task
+        script: returns the actions of the episode, after whose end the arms stay where they are
         noise: standard deviation of the changes of the noise from period to period, as a ratio of
             the greatest velocities; jaws have none
         cameras: return an image (h, w, 3), by name; the width and height are even
@@ -84,6 +83,7 @@ def record_episode(
     actions: list[Array] = []
     pushes: list[Array] = []
     rewards: list[float] = []
+    task.reset(seed)  # before the recording, which has what led here since the reset
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="trocar-")))
         recorder = record(task.world, folder / "episode.mcap") if mcap else None
@@ -93,8 +93,7 @@ def record_episode(
             name: (capture, stack.enter_context(FilmWriter(1.0 / PERIOD_S)))
             for name, capture in (cameras or {}).items()
         }
-        task.reset(seed)
-        steps = (script or type(task).policy)(task)
+        steps = script(task)
         while not task.done:
             readings.append(read_task(task))
             for capture, reel in reels.values():

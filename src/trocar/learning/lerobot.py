@@ -366,9 +366,10 @@ class Dataset:
         row = self._row(episode)
         if camera not in self.cameras:
             raise UnknownNameError("camera", camera, self.cameras, str(self.root))
-        first = round(row.get(f"videos/{camera}/from_timestamp", 0.0) * self.rate_hz)
+        # half a period earlier, as times of images are rounded
+        start_s = row.get(f"videos/{camera}/from_timestamp", 0.0) - 0.5 / self.rate_hz
         path, count = self.video_file(episode, camera), int(row["length"])
-        images = [*itertools.islice(read_video(path), first, first + count)]
+        images = [*itertools.islice(read_video(path, start_s), count)]
         if len(images) != count:
             raise LogError(
                 str(path),

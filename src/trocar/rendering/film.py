@@ -225,22 +225,41 @@ def join_videos(parts: Sequence[Path], path: Path) -> None:
             raise TrocarError(f"{path}: ffmpeg failed: {problem}")
 
 
-def read_video(path: Path) -> Iterator[NDArray[np.uint8]]:
+def read_video(path: Path, start_s: float = 0.0) -> Iterator[NDArray[np.uint8]]:
     """Yield the pictures of a video, (h, w, 3) each.
+
+    Args:
+        path: of the file
+        start_s: pictures before this time are left out [s]
 
     Raises:
         MissingExtraError: the extra `video` is not installed
         LogError: no video, or a damaged one
     """
-    library = _library("reading videos")
-    try:
-        pictures = library.read_frames(str(path))
-        width, height = next(pictures)["source_size"]
-        for one in pictures:
-            yield np.frombuffer(one, np.uint8).reshape(height, width, 3)
-    except (OSError, RuntimeError, StopIteration, ValueError) as problem:
-        last = " ".join(str(problem).split())[-200:]
-        raise LogError(str(path), f"cannot be read as a video: {last}") from problem
+    program = _library("reading videos").get_ffmpeg_exe()
+    from_there = ["-ss", f"{start_s:.6f}"] if start_s > 0.0 else []
+    form = ["-fps_mode", "passthrough", "-f", "image2pipe", "-vcodec", "ppm", "-"]
+    command = [program, "-v", "error", "-xerror", *from_there, "-i", str(path), *form]
+    with (
+        tempfile.TemporaryFile() as problems,
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=problems) as process,
+    ):
+        stream = process.stdout
+        try:
+            while stream is not None and stream.readline():
+                width, height = map(int, stream.readline().split())
+                stream.readline()
+                data = stream.read(3 * width * height)
+                yield np.frombuffer(data, np.uint8).reshape(height, width, 3)
+            status = process.wait()
+        except ValueError:  # a picture that breaks off
+            status = -1
+        finally:
+            process.kill()
+        if status:
+            problems.seek(0)
+            text = " ".join(problems.read().decode(errors="replace").split())[-200:]
+            raise LogError(str(path), f"cannot be read as a video: {text or 'it breaks off'}")
 
 
 def _library(purpose: str) -> Any:

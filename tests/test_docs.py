@@ -86,6 +86,9 @@ def test_the_tour_of_the_readme_works_as_it_is_typed(
     if any(" render " in line for line in lines):
         pytest.importorskip("imageio_ffmpeg", reason="the extra `all` is not installed")
         request.getfixturevalue("opengl")
+    if any(" learn" in line for line in lines):
+        for library in ("torch", "safetensors", "pyarrow"):
+            pytest.importorskip(library, reason="the extra `learn` is not installed")
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     monkeypatch.chdir(tmp_path)
     for line in lines:

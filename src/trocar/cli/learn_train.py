@@ -48,7 +48,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         --data DIR                        bc: a dataset of trocar learn collect, in place of
                                           scripted episodes
         --archive                         sac-her, ppo: also write what Stable-Baselines3 saves,
-                                          policy.zip
+                                          archive.zip
         --no-video                        write no video
     """)  # fmt: skip
     add_overwrite(parser, "the files of an earlier training")
@@ -149,7 +149,7 @@ def _actor(args: Namespace, folder: RunFolder) -> tuple[TrainedPolicy, dict[str,
     settings = replace(settings_of(args.method), seed=args.seed)
     if args.steps is not None:
         settings = replace(settings, steps=args.steps)
-    archive = folder.path / "policy.zip" if args.archive else None
+    archive = folder.path / "archive.zip" if args.archive else None
     with progress_bar("steps") as draw:
 
         def watch(step: int, success: float) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -107,7 +108,8 @@ def train_actor(
         method: one of `METHODS`
         settings: of the training
         device: "cpu" or "cuda", of the networks; the scene is simulated on the CPU
-        archive: where to keep what Stable-Baselines3 saves, a .zip
+        archive: .zip to keep what Stable-Baselines3 saves, which plays with --trust; the .toml
+            beside it has the settings of `TaskEnv`
         watch: called after each evaluation
 
     Raises:
@@ -125,9 +127,14 @@ def train_actor(
         make = _sac_her if method == "sac-her" else _ppo
         model = make(torch, sb3, scene, settings, device)
         model.learn(settings.steps, callback=_judged(sb3, model, judge, settings, watch))
+        policy = _policy(judge, model, settings)
         if archive is not None:
-            model.save(archive)
-        return _policy(judge, model, settings)
+            # its buffer of relabelled transitions could only be loaded with an environment
+            model.save(archive, exclude=["replay_buffer_class", "replay_buffer_kwargs"])
+            table = {"scene": policy.scene, **policy.env}
+            lines = [f"{key} = {json.dumps(value)}\n" for key, value in table.items()]
+            archive.with_suffix(".toml").write_text("".join(lines), encoding="utf-8")
+        return policy
     finally:
         judge.close()
         torch.set_num_threads(threads)

@@ -18,7 +18,6 @@ from trocar.geometry.rotations import (
     quaternion_from_matrix,
 )
 from trocar.geometry.se3 import transform
-from trocar.rendering import Look
 from trocar.simulation import World
 from trocar.simulation.cameras import CameraRecord
 from trocar.simulation.parts import Attached, Part, steps_in
@@ -141,7 +140,8 @@ class RandomisedWorld(Part):
     Attributes:
         randomisation, tips: as given
         seed: of the last draw
-        camera: pose of the camera in its nominal frame, (4, 4)
+        camera: pose from which images are taken in the camera's nominal frame, (4, 4)
+        stops: by which images are brighter
         sight: of the objects
     """
 
@@ -154,7 +154,7 @@ class RandomisedWorld(Part):
     ) -> None:
         self.randomisation, self.tips = randomisation, tips
         self._world, self._controller = world, controller
-        self.seed, self.camera = 0, np.eye(4)
+        self.seed, self.camera, self.stops = 0, np.eye(4), 0.0
         self.sight = Sight(randomisation, len(world.objects))
         arms = world.arms
         self._psms = tuple(a for a in controller.arms if arms[a].description.type == "PSM")
@@ -185,6 +185,10 @@ class RandomisedWorld(Part):
         self._take_images()
         self._correct()
 
+    def seen_from(self, camera: CameraRecord) -> CameraRecord:
+        """Return a camera at the pose from which images are taken in this episode."""
+        return replace(camera, T_body_mount=camera.T_body_mount @ self.camera)
+
     def save(self) -> dict[str, Any]:
         """Return the seed of the draws, and the images of tips."""
         return {
@@ -206,23 +210,6 @@ class RandomisedWorld(Part):
         for arm, way in state["corrections"].items():
             self._controller.corrections[arm] = way.copy()
 
-    # ------------------------------------------------------------------ images
-
-    def look_of(self, look: Look) -> Look:
-        """Return settings of an image with the exposure and the noise of this episode."""
-        spread = self.randomisation
-        rng = stream(self.seed, "look")
-        stops = spread.exposure * rng.standard_normal()
-        exposure = look.exposure
-        if stops and not isinstance(exposure, str):
-            exposure = float(np.clip(exposure + stops, -20.0, 20.0))
-        noise = max(look.noise, spread.colour_noise)
-        return replace(look, exposure=exposure, noise=noise, seed=int(rng.integers(2**31 - 1)))
-
-    def seen_from(self, camera: CameraRecord) -> CameraRecord:
-        """Return a camera where it is in this episode."""
-        return replace(camera, T_body_mount=camera.T_body_mount @ self.camera)
-
     # ------------------------------------------------------------------ inside
 
     def _draw(self) -> None:
@@ -239,6 +226,7 @@ class RandomisedWorld(Part):
         turn, place = rng.standard_normal((2, 3))
         turn = matrix_from_rotation_vector(spread.camera_turn * turn)
         self.camera = transform(turn, spread.camera * place)
+        self.stops = spread.exposure * float(stream(seed, "exposure").standard_normal())
         self._rng = stream(seed, "tips")
         self._bias = {arm: spread.tip_bias * self._rng.standard_normal(3) for arm in self._psms}
 

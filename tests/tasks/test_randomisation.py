@@ -126,7 +126,7 @@ def test_an_action_moves_a_registered_tip_in_axes_of_the_world() -> None:
     task = make_task(SCENE)
     T = transform(rotation_z(0.5), [0.002, -0.001, 0.003])
     task.reset(0)
-    task.controller.bases["PSM1"] = T
+    task.controller.registration["PSM1"] = T
     for _ in range(10):  # begins to move
         task.command(ACTION)
     before = task.controller.target("PSM1")

@@ -81,7 +81,7 @@ class TipController:
         bases: pose of the world as a PSM's kinematics report it in the world of actions and
             observations, {arm: (4, 4)}, by the robots' errors of registration; without an entry the
             two are one
-        corrections: by which images of the tips move these then, {arm: (3,)} [m]
+        registration: the same, corrected by images of the tips, see `correct`
     """
 
     def __init__(self, world: World, arms: Sequence[str], label: str) -> None:
@@ -116,7 +116,7 @@ class TipController:
         self.stalled: dict[str, float] = {}
         self.stalls: dict[str, str] = {}
         self.bases: dict[str, Array] = {}
-        self.corrections: dict[str, Array] = {}
+        self.registration: dict[str, Array] = {}
 
     def begin(self) -> None:
         """Hold the arms where they are, with nothing counted."""
@@ -177,23 +177,22 @@ class TipController:
         """Set `bases`: a reset draws errors of the camera's reported pose, which PSMs stand in."""
         errors = self.world.servos.errors
         self.bases.clear()
+        self.registration.clear()
         if errors is None or not errors.registration:
             return
         scopes = [one for one in self.world.cameras().values() if one.kind == "endoscope"]
         T = scopes[0].T_world_camera if scopes else np.eye(4)
         for arm, reported in errors.registration.items():
             if arm in self._driven:
-                self.bases[arm] = T @ reported @ inverse(T)
+                self.bases[arm] = self.registration[arm] = T @ reported @ inverse(T)
+
+    def correct(self, arm: str, way: Array) -> None:
+        """Move a PSM's measured tip and set-point by a way, (3,) [m], until the next reset."""
+        base = self.bases.get(arm)
+        moved = translation(way)
+        self.registration[arm] = moved if base is None else moved @ base
 
     # ------------------------------------------------------------------ looking
-
-    def registration(self, arm: str) -> Array | None:
-        """Return an arm's base, corrected, (4, 4); None where it is the world itself."""
-        base, way = self.bases.get(arm), self.corrections.get(arm)
-        if way is None:
-            return base
-        moved = translation(way)
-        return moved if base is None else moved @ base
 
     def tip(self, arm: str) -> Array:
         """Return the measured pose of a tip in the world, (4, 4)."""
@@ -266,8 +265,9 @@ class TipController:
             twist: of the tip, (6,)
         """
         joints, reason = driven.arm.description.joints, ""
+        T = self.registration.get(name)
         for _ in range(2):
-            goal = self.target(name)
+            goal = self._targets[name].copy() if T is None else T @ self._targets[name]
             goal[:3, 3] += twist[:3] * PERIOD_S
             if twist[3:].any():
                 turn = matrix_from_rotation_vector(twist[3:] * PERIOD_S)
@@ -288,12 +288,11 @@ class TipController:
             pushed = beyond & (ahead > np.abs(q[:-1] - measured[:-1]))
             if pushed.any():
                 return f"{joints[int(pushed.argmax())].name} is held back"
-        T = self.registration(name)
         self._targets[name], q[:-1] = goal if T is None else inverse(T) @ goal, after
         return ""
 
     def _registered(self, arm: str, tip: Array) -> Array:
-        T = self.registration(arm)
+        T = self.registration.get(arm)
         return tip if T is None else T @ tip
 
     def _inverse(self, driven: _Driven, T: Array, near: Array) -> Array:
@@ -301,7 +300,7 @@ class TipController:
         own = driven.T_arm_world
         if own is None:
             own = inverse(self.world.reference_pose(driven.arm.name))
-        registration = self.registration(driven.arm.name)
+        registration = self.registration.get(driven.arm.name)
         if registration is not None:
             own = own @ inverse(registration)
         return driven.arm.local.inverse_kinematics(own @ T, near[:-1])

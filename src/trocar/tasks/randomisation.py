@@ -129,7 +129,7 @@ class RandomisedWorld(Part):
     """Draws a world's gains, friction, objects and cameras at each reset, from its seed.
 
     With tips="camera" the median of the last five images' corrections moves the measured tips
-    (`TipController.corrections`): true less measured places, with bias, noise and age.
+    (`TipController.correct`): true less measured places, with bias, noise and age.
 
     Args:
         randomisation: spreads
@@ -178,7 +178,15 @@ class RandomisedWorld(Part):
         self.seed = self._physics.seed()
         self.sight.begin([self.seed])
         self._draw()
-        self._register()
+
+    def start(self) -> None:
+        """Take the first images, of objects and tips where they are now."""
+        self.sight.forget()
+        if self.tips == "camera":
+            self._images = {arm: deque(maxlen=IMAGES + self._age) for arm in self._psms}
+            for _ in range(IMAGES):
+                self._take_images()
+            self._correct()
 
     def look(self) -> None:
         """Take an image of the tips and correct the encoders by it."""
@@ -195,20 +203,18 @@ class RandomisedWorld(Part):
             "seed": self.seed,
             "images": {arm: [one.copy() for one in row] for arm, row in self._images.items()},
             "random": self._rng.bit_generator.state,
-            "corrections": {arm: way.copy() for arm, way in self._controller.corrections.items()},
         }
 
     def load(self, state: Mapping[str, Any]) -> None:
         """Draw as the seed of what `save` returned does, and go on from its images."""
         self.seed = state["seed"]
         self._draw()
-        self._register()
-        for arm, row in state["images"].items():
-            self._images[arm].clear()
-            self._images[arm].extend(one.copy() for one in row)
+        self._controller.register()
+        self._images = {
+            arm: deque(row, maxlen=IMAGES + self._age) for arm, row in state["images"].items()
+        }
         self._rng.bit_generator.state = state["random"]
-        for arm, way in state["corrections"].items():
-            self._controller.corrections[arm] = way.copy()
+        self._correct()
 
     # ------------------------------------------------------------------ inside
 
@@ -230,15 +236,6 @@ class RandomisedWorld(Part):
         self._rng = stream(seed, "tips")
         self._bias = {arm: spread.tip_bias * self._rng.standard_normal(3) for arm in self._psms}
 
-    def _register(self) -> None:
-        """Take the first images of the tips."""
-        self._controller.register()
-        if self.tips == "camera":
-            self._images = {arm: deque(maxlen=IMAGES + self._age) for arm in self._psms}
-            for _ in range(IMAGES):
-                self._take_images()
-            self._correct()
-
     def _take_images(self) -> None:
         """Measure the true places of the tips less those that encoders and registration report.
 
@@ -257,7 +254,7 @@ class RandomisedWorld(Part):
 
     def _correct(self) -> None:
         for arm, images in self._images.items():
-            self._controller.corrections[arm] = np.median(list(images)[:IMAGES], axis=0)
+            self._controller.correct(arm, np.median(list(images)[:IMAGES], axis=0))
 
 
 class Sight:

@@ -118,6 +118,7 @@ class Task:
             InputError: no free place for an object, or one that no arm reaches
         """
         self.world.reset(seed)
+        self.controller.register()
         rng = np.random.default_rng(seed)
         for name, T in self.scene.placed(rng).items():
             self._check_reach(name, T[:3, 3])
@@ -173,7 +174,9 @@ class Task:
             self.begin()
         if referee.ending is Ending.RUNNING:
             referee.read()
-            self.observed = self._see(referee.states)
+            self.observed = (
+                referee.states if self.randomised is None else self._see(self.randomised)
+            )
             self.measure()
             referee.judge(self.met, self.accomplished)
 
@@ -307,9 +310,9 @@ class Task:
 
         A class that counts more sets it back first, then calls this one.
         """
-        if self.randomised is not None:
-            self.randomised.sight.forget()
         self.controller.begin()
+        if self.randomised is not None:
+            self.randomised.start()
         self.referee.begin()
         self.look()
         self.referee.gained = 0.0
@@ -364,12 +367,11 @@ class Task:
 
     # ------------------------------------------------------------------ inside
 
-    def _see(self, states: ObjectStates) -> ObjectStates:
+    def _see(self, drawn: RandomisedWorld) -> ObjectStates:
         """Return objects as cameras see them."""
-        if self.randomised is None or not len(states.names):
-            return states
+        states = self.referee.states
         true = np.concatenate([states.positions, states.quaternions], axis=1)
-        seen = self.randomised.sight.see(true[None])[0]
+        seen = drawn.sight.see(true[None])[0]
         return replace(states, positions=seen[:, :3], quaternions=seen[:, 3:])
 
     def _check_reach(self, name: str, at: Array) -> None:

@@ -20,8 +20,9 @@ from trocar.robot.verification.figures import Figure
 from trocar.tasks import make_task, run_episode
 
 Watch = Callable[[str], None]
-#: A figure, its value, its unit, and its goal: ">= 95", "<= 0.2", or "" for none.
-Row = tuple[str, float, str, str]
+#: A figure, its value (None: not measured), its unit, and its goal: ">= 95", "<= 0.2", a number as
+#: the upper bound; for none "", "printed" or None.
+Row = tuple[str, float | None, str, str | float | None]
 
 #: First of the fresh seeds, and number of them; fewer with --short.
 FRESH, SEEDS, FEW = 50_000, 100, 20
@@ -128,10 +129,15 @@ def figures(rows: Sequence[Row], source: str = "") -> list[Figure]:
     """
     found: list[Figure] = []
     for name, value, unit, goal in rows:
-        sense, _, bound = goal.partition(" ")
-        if goal and sense not in (">=", "<="):
+        words = f"<= {goal}" if isinstance(goal, float | int) else goal or ""
+        words = "" if words == "printed" else words
+        sense, _, bound = words.partition(" ")
+        if words and sense not in (">=", "<="):
             raise ValueError(f"{name}: got the goal {goal!r}; allowed: >= and <= with a number")
+        measured = float("nan") if value is None else value
         upper = float(bound) if sense == "<=" else None
         lower = float(bound) if sense == ">=" else None
-        found.append(Figure(name, value, unit, upper, lower, source=source))
+        if value is None:  # what was not measured is not missed
+            upper = lower = None
+        found.append(Figure(name, measured, unit, upper, lower, source=source))
     return found

@@ -14,7 +14,6 @@ from trocar.cli.output import fixed, print_result, progress_bar, table
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
-    from trocar.descriptions.scenes import Scene
     from trocar.learning.evaluation import Evaluation
 
 SUMMARY = "success of a policy over many seeds, with its interval"
@@ -44,13 +43,16 @@ def run(args: Namespace) -> int:
     for name, value, least in (*limits, ("workers", args.workers, 1)):
         if value < least:
             raise InputError(f"--{name}: got {value}; allowed: {least} or more")
-    from trocar.learning.evaluation import summarise
+    from trocar.descriptions.catalogue import load_scene
+    from trocar.learning.evaluation import faulty, summarise
     from trocar.learning.policies import PolicyFile
     from trocar.tasks import Task, play
     from trocar.tasks.play import scripted
     from trocar.tasks.registry import task_class
 
-    scene = _scene(args)
+    scene = load_scene(args.scene)
+    if args.errors is not None:
+        scene = faulty(scene, args.errors)
     files = [PolicyFile(name, args.trust) for name in args.policy if name != "scripted"]
     for file in files:
         file.check(scene)
@@ -75,19 +77,6 @@ def run(args: Namespace) -> int:
     }
     print_result(args, document, lambda: _report(scene.name, args, found))
     return 0
-
-
-def _scene(args: Namespace) -> Scene:
-    from dataclasses import replace
-
-    from trocar.descriptions.catalogue import load_scene
-    from trocar.descriptions.robot_errors import robot_errors
-
-    scene = load_scene(args.scene)
-    if args.errors is None:
-        return scene
-    rig = replace(scene.rig, errors=robot_errors(args.errors))
-    return replace(scene, rig=rig, welded=() if rig.errors else scene.welded)
 
 
 def _report(scene: str, args: Namespace, found: list[Evaluation]) -> str:

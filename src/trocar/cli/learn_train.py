@@ -134,7 +134,7 @@ def _clone(args: Namespace, folder: RunFolder) -> tuple[TrainedPolicy, dict[str,
         "seeds": None if args.data else [0, count - 1],
         "episodes": shown.episodes,
         "failures": shown.failures,
-        "periods": rows,
+        "periods": rows // (1 + settings.copies),
     }
     names = SceneFeatures(task).names
     policy = TrainedPolicy(

@@ -22,6 +22,7 @@ from trocar.geometry.se3 import inverse
 from trocar.kinematics.chain_pose import chain_pose
 from trocar.kinematics.inverse import nearest_solutions
 from trocar.learning.batch_rules import SeenWorlds, batch_rules, obstacle
+from trocar.learning.images import SceneCamera, SceneView
 from trocar.learning.readings import NOTHING, SceneReadings
 from trocar.simulation.arm import Arm
 from trocar.simulation.batch import Batch
@@ -223,6 +224,10 @@ class SceneBatch:
             self._look(which)
         return self.reward.copy()
 
+    def truncate(self, mask: Bools) -> None:
+        """End episodes that run on, as their time is over by other rules, (n,)."""
+        self.late |= mask & ~self.over
+
     # ------------------------------------------------------------------ looking
 
     @property
@@ -255,6 +260,21 @@ class SceneBatch:
                 met=self._met[:, shown],
             )
         return self._readings
+
+    def images(self, worlds: Sequence[int], camera: SceneCamera | SceneView) -> NDArray[np.uint8]:
+        """Return images of some worlds, (k, height, width, channels); one renderer draws all.
+
+        Args:
+            worlds: their numbers
+            camera: of `task`
+        """
+        shown = self.task.world.mj_data.qpos
+        kept, found = shown.copy(), list[NDArray[np.uint8]]()
+        for world in worlds:
+            self.physics.show(world, shown)
+            found.append(camera.capture())
+        shown[:] = kept
+        return np.stack(found)
 
     def idle(self) -> Array:
         """Return the actions that hold all arms, (n, k)."""

@@ -372,6 +372,10 @@ class Batch:
         """Return the rates of an object's joint in some worlds, (k, w) [rad/s or m/s]."""
         return self._qvel[worlds, self._objects.joints[self._objects.names.index(name)].qvel]
 
+    def show(self, world: int, qpos: Array) -> None:
+        """Write the coordinates of a world into those of another MjData of the model, (nq,)."""
+        qpos[:] = self._qpos[world]
+
     def times(self) -> Array:
         """Return the time of each world, (n,) [s]."""
         return self._rows.state[:, 0].copy()

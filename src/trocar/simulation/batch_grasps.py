@@ -64,8 +64,10 @@ def sensed_model(model: RigModel, compiled: mujoco.MjModel) -> mujoco.MjModel:
     made = spec.compile()
     for owner, kept in ((made, compiled), (made.opt, compiled.opt)):
         for field in dir(kept):
+            if not isinstance(getattr(owner, field), np.ndarray):
+                continue
             values, own = (cast(Array, getattr(one, field)) for one in (kept, owner))
-            if isinstance(own, np.ndarray) and own.flags.writeable and own.shape == values.shape:
+            if own.flags.writeable and own.shape == values.shape:
                 own[...] = values
     made.opt.disableactuator = compiled.opt.disableactuator
     return made

@@ -211,6 +211,8 @@ def obstacle(scene: Scene) -> str:
         return f"has scripts of objects ({', '.join(scripts)}); allowed in a batch: none"
     if rig.errors is not None:
         return f"has errors of robots ({rig.errors.name}); allowed in a batch: perfect sensors"
+    if scene.tips != "robot":
+        return f"has tips of the {scene.tips}; allowed in a batch: of the robot"
     if kind.sees:
         return "looks at images; allowed in a batch: tasks that read the physics"
     if batch_rules(kind) is None:

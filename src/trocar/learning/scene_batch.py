@@ -28,6 +28,7 @@ from trocar.simulation.arm import Arm
 from trocar.simulation.batch import Batch
 from trocar.tasks import Task
 from trocar.tasks.controller import EVERY, GRIP_RAD, JAW_RAD_S, LAG, PERIOD_S, SLOWED
+from trocar.tasks.randomisation import FIELDS, Sight
 from trocar.tasks.referee import LOST_M, ROUNDING_S, SETTLED_S
 from trocar.tasks.registry import make_task
 
@@ -140,6 +141,11 @@ class SceneBatch:
         jaws = () if grasps is None else grasps.arms
         self._jaws = {name: jaws.index(name) for name in self._psms if name in jaws}
         self._all = np.arange(self.n)
+        self._sight: Sight | None = None
+        if self.task.randomised is not None:
+            self._sight = Sight(found.randomisation, len(self.names), self.n)
+            self._fields = {name: self.physics.expand(name) for name in FIELDS}
+            self._gains = np.tile(table.gains, (self.n, 1, 1))
         self._clear()
         rules = batch_rules(type(self.task))
         if rules is None:  # `obstacle` has said so
@@ -240,6 +246,9 @@ class SceneBatch:
         """Readings of all worlds, as of the last command or reset."""
         if self._readings is None:
             shown, setpoints = self._shown, self.physics.setpoints
+            places, achieved = self._seen.places, self._achieved
+            if self._sight is not None:
+                places, achieved = self._sighted()
             self._readings = SceneReadings(
                 time=self._seen.time.copy(),
                 tips={name: self._seen.tips[name].copy() for name in self._psms},
@@ -248,15 +257,15 @@ class SceneBatch:
                 v={name: self._qd[:, d.rows].copy() for name, d in self._driven.items()},
                 setpoints={name: setpoints[:, d.rows] for name, d in self._driven.items()},
                 objects={
-                    name: self._seen.objects[:, row].copy()
+                    name: self._observed[:, row].copy()
                     for row, name in enumerate(self.names)
                     if name not in self._hidden
                 },
                 held={name: self._held_by(name, self._all) for name in self._psms},
                 names=self.names,
                 stalled={name: self._stalled[name].copy() for name in self._psms},
-                goals=self._seen.places[:, shown],
-                achieved=self._achieved[:, shown],
+                goals=places[:, shown],
+                achieved=achieved[:, shown],
                 met=self._met[:, shown],
             )
         return self._readings
@@ -272,6 +281,8 @@ class SceneBatch:
         kept, found = shown.copy(), list[NDArray[np.uint8]]()
         for world in worlds:
             self.physics.show(world, shown)
+            if self.task.randomised is not None:
+                self.task.randomised.aim(int(self.seeds[world]))
             found.append(camera.capture())
         shown[:] = kept
         return np.stack(found)
@@ -353,6 +364,7 @@ class SceneBatch:
             drawn=np.zeros((n, goals, 3)),
             places=np.zeros((n, goals, 3)),
         )
+        self._observed = np.zeros((n, count, 7)) if self._sight else self._seen.objects
         self._readings: SceneReadings | None = None
 
     # ------------------------------------------------------------------ a reset
@@ -361,6 +373,8 @@ class SceneBatch:
         """Put worlds back, with objects and goals where their seeds have them."""
         physics, scene = self.physics, self.scene
         physics.put_back(which)
+        if self._sight is not None:
+            self._draw(self._sight, which, seeds)
         for world, seed in zip(which.tolist(), seeds.tolist(), strict=True):
             rng = np.random.default_rng(seed)
             placed = scene.placed(rng)
@@ -375,6 +389,18 @@ class SceneBatch:
         self._floor[which] = places[:, :, 2].min(axis=1) - LOST_M
         self.seeds[which] = seeds
         self._check_reach(which, places)
+
+    def _draw(self, sight: Sight, which: Index, seeds: Array) -> None:
+        """Draw worlds anew, as the task's own world draws itself at a reset."""
+        own, numbers = self.task.world, which.tolist()
+        sight.begin(seeds.tolist(), numbers)
+        for world, seed in zip(numbers, seeds.tolist(), strict=True):
+            own.reset(seed)
+            for name, field in self._fields.items():
+                field[world] = getattr(own.mj_model, name)
+            self._gains[world] = own.servos.gains
+            self.physics.put_back(np.array([world]), own.save().row)
+        self.physics.set_gains(*np.moveaxis(self._gains, -1, 0))
 
     def _check_reach(self, which: Index, places: Array) -> None:
         """Reject the first seed with a place out of reach, as the task does."""
@@ -489,12 +515,26 @@ class SceneBatch:
 
     def _goal_places(self, which: Index) -> Array:
         """Return the places of goals in the world now, without what they are beside, (k, G, 3)."""
+        return self._goals_on(which, self._seen.objects)
+
+    def _goals_on(self, which: Index, objects: Array) -> Array:
+        """Return the places of goals that stand on objects at poses (n, O, 7), (k, G, 3)."""
         places = self._seen.drawn[which]
         if (riding := self._on >= 0).any():
-            at = self._seen.objects[which][:, self._on[riding]]
+            at = objects[which][:, self._on[riding]]
             turned = matrix_from_quaternion(at[..., 3:]) @ places[:, riding, :, None]
             places[:, riding] = turned[..., 0] + at[..., :3]
         return places
+
+    def _sighted(self) -> tuple[Array, Array]:
+        """Return places of goals, and of what shall be there, by objects as cameras see them."""
+        places, achieved = self._goals_on(self._all, self._observed), self._achieved.copy()
+        for k, (row, of_tip) in enumerate(zip(self._goal_object, self._of_tip, strict=True)):
+            if of_tip and row >= 0:
+                places[:, k] += self._observed[:, row, :3]
+            elif not of_tip:
+                achieved[:, k] = self._observed[:, row, :3]
+        return places, achieved
 
     def _held_by(self, name: str, which: Index) -> Index:
         """Return the row of the object that an arm holds in some worlds, or NOTHING, (k,)."""
@@ -511,6 +551,8 @@ class SceneBatch:
         for name, driven in self._driven.items():
             self._seen.tips[name][which] = driven.tips(self._q[which][:, driven.rows])
         objects = self._seen.objects[which] = self.physics.object_poses(which)
+        if self._sight is not None:
+            self._observed[which] = self._sight.see(objects, which)
         holds = {name: self._held_by(name, which) for name in self._psms}
         self._count_drops(which, objects, holds)
         self._rules.measure(which, holds)

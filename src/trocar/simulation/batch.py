@@ -239,10 +239,15 @@ class Batch:
             self.put_back(which)
         return self.read()
 
-    def put_back(self, worlds: Index) -> None:
-        """Put worlds back to where the batch began, by their numbers (k,)."""
+    def put_back(self, worlds: Index, state: Array | None = None) -> None:
+        """Put worlds back to where the batch began.
+
+        Args:
+            worlds: their numbers, (k,)
+            state: in place of that state, as in `State.row`, (size,)
+        """
         self._rows.reset(worlds, stage=mujoco.mjtStage.mjSTAGE_NONE)
-        self._rows.state[worlds] = self._first
+        self._rows.state[worlds] = self._first if state is None else state
         self.periods[worlds], self._before[worlds] = 0, self._servos["before"]
         self.tripped[worlds], self._tracked[:, worlds] = False, np.nan
         if self.grasps is not None:

@@ -193,6 +193,14 @@ class RandomisedWorld(Part):
         self._take_images()
         self._correct()
 
+    def aim(self, seed: int) -> None:
+        """Draw the camera and the exposure of images of an episode."""
+        spread, rng = self.randomisation, stream(seed, "camera")
+        turn, place = rng.standard_normal((2, 3))
+        turn = matrix_from_rotation_vector(spread.camera_turn * turn)
+        self.camera = transform(turn, spread.camera * place)
+        self.stops = spread.exposure * float(stream(seed, "exposure").standard_normal())
+
     def seen_from(self, camera: CameraRecord) -> CameraRecord:
         """Return a camera at the pose from which images are taken in this episode."""
         return replace(camera, T_body_mount=camera.T_body_mount @ self.camera)
@@ -228,13 +236,9 @@ class RandomisedWorld(Part):
         servos.set_friction(*(fields[name] for name in BRAKED))
         servos.gains[:] = self._draws.gains(seed)
         servos.apply()
-        rng = stream(seed, "camera")
-        turn, place = rng.standard_normal((2, 3))
-        turn = matrix_from_rotation_vector(spread.camera_turn * turn)
-        self.camera = transform(turn, spread.camera * place)
-        self.stops = spread.exposure * float(stream(seed, "exposure").standard_normal())
         self._rng = stream(seed, "tips")
         self._bias = {arm: spread.tip_bias * self._rng.standard_normal(3) for arm in self._psms}
+        self.aim(seed)
 
     def _take_images(self) -> None:
         """Measure the true places of the tips less those that encoders and registration report.

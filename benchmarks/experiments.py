@@ -95,6 +95,21 @@ EXPERIMENTS = (
         extra="learn",
     ),
     Experiment(
+        "learning",
+        "policies in worlds that they were not trained in (30 minutes)",
+        "benchmarks.learning_transfer:transfer",
+        {"short": "short"},
+        part="transfer",
+        extra="learn",
+    ),
+    Experiment(
+        "learning",
+        "episodes in processes and on a local cluster (3 minutes; Ray by the extra cluster)",
+        "benchmarks.learning_cluster:cluster",
+        {"short": "short"},
+        part="cluster",
+    ),
+    Experiment(
         "random-actions",
         "divergence, flights and depth of contacts under random actions",
         "benchmarks.random_actions:random_actions",

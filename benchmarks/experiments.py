@@ -96,6 +96,26 @@ EXPERIMENTS = (
     ),
     Experiment(
         "learning",
+        "one environment: what a step of 20 ms costs beside its physics",
+        "benchmarks.learning:single",
+        part="single",
+    ),
+    Experiment(
+        "learning",
+        "batches of scenes: speed, parity, resets, images",
+        "benchmarks.learning:batch",
+        {"short": "short"},
+        part="batch",
+    ),
+    Experiment(
+        "learning",
+        "scenes on a GPU (10 minutes; without one: not measured)",
+        "benchmarks.learning:gpu",
+        part="gpu",
+        extra="gpu",
+    ),
+    Experiment(
+        "learning",
         "policies in worlds that they were not trained in (30 minutes)",
         "benchmarks.learning_transfer:transfer",
         {"short": "short"},

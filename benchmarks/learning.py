@@ -9,6 +9,7 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 from trocar.learning.baselines import SAC_HER, train_actor
@@ -30,6 +31,9 @@ FRESH, SEEDS, FEW = 50_000, 100, 20
 TRAININGS, EPISODES = (0, 1, 2), 250
 #: Anchors. Source: Xu et al., IROS 2021; Wu et al., SurgicAI, NeurIPS 2024.
 SURROL, SURGICAI = "SurRoL: DDPG with HER", "SurgicAI: TD3 with HER and BC"
+#: Source: measured, two cores; Schmidgall et al., Surgical Gym, ICRA 2024.
+SURROL_SPEED = "SurRoL: 209 steps of 0.2 s a second, 42 simulated s/s"
+SURGICAL_GYM = "Surgical Gym: 345,000 physics steps a second, serial arms"
 
 
 def reach(watch: Watch, short: bool = False) -> list[Figure]:
@@ -58,6 +62,26 @@ def peg(watch: Watch, short: bool = False) -> list[Figure]:
 def two_arms(watch: Watch, short: bool = False) -> list[Figure]:
     """Clone the scripted bi-peg-transfer, and judge it."""
     return figures(cloned("bi-peg-transfer", (">= 0.8", ""), watch, short))
+
+
+def single() -> list[Figure]:
+    """Measure one environment beside its physics."""
+    return figures(_function("learning_single", "single")())
+
+
+def batch(watch: Watch, short: bool = False) -> list[Figure]:
+    """Measure batches of scenes on two threads."""
+    return figures(_function("learning_batch", "batches")(watch, short), SURROL_SPEED)
+
+
+def gpu() -> list[Figure]:
+    """Measure scenes on a GPU."""
+    return figures(_function("learning_gpu", "rows")(), SURGICAL_GYM)
+
+
+def _function(module: str, name: str) -> Callable[..., list[Row]]:
+    """Import a function that returns rows; its module may need an extra that others do not."""
+    return getattr(import_module(f"benchmarks.{module}"), name)
 
 
 def cloned(scene: str, goals: tuple[str, str], watch: Watch, short: bool) -> list[Row]:

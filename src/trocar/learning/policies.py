@@ -56,7 +56,7 @@ KINDS = ("clone", "actor")
 INPUTS = ("observation", "goal-difference")
 #: Settings of `TaskEnv` by which a policy acts, and all that a file may have.
 ACTING = ("obs", "action", "action_period")
-SETTINGS = (*ACTING, "scene", "reward", "max_steps")
+SETTINGS = (*ACTING, "scene", "reward", "max_steps", "randomise", "tips")
 #: Suffixes of files whose reading runs code that they contain.
 PICKLES = (".pt", ".pth", ".pkl", ".pickle", ".ckpt", ".joblib", ".bin")
 ALLOWED = (

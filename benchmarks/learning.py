@@ -9,6 +9,7 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 from trocar.learning.baselines import SAC_HER, train_actor
@@ -20,8 +21,9 @@ from trocar.robot.verification.figures import Figure
 from trocar.tasks import make_task, run_episode
 
 Watch = Callable[[str], None]
-#: A figure, its value, its unit, and its goal: ">= 95", "<= 0.2", or "" for none.
-Row = tuple[str, float, str, str]
+#: A figure, its value (None: not measured), its unit, and its goal: ">= 95", "<= 0.2", a number as
+#: the upper bound; for none "", "printed" or None.
+Row = tuple[str, float | None, str, str | float | None]
 
 #: First of the fresh seeds, and number of them; fewer with --short.
 FRESH, SEEDS, FEW = 50_000, 100, 20
@@ -29,6 +31,9 @@ FRESH, SEEDS, FEW = 50_000, 100, 20
 TRAININGS, EPISODES = (0, 1, 2), 250
 #: Anchors. Source: Xu et al., IROS 2021; Wu et al., SurgicAI, NeurIPS 2024.
 SURROL, SURGICAI = "SurRoL: DDPG with HER", "SurgicAI: TD3 with HER and BC"
+#: Source: measured, two cores; Schmidgall et al., Surgical Gym, ICRA 2024.
+SURROL_SPEED = "SurRoL: 209 steps of 0.2 s a second, 42 simulated s/s"
+SURGICAL_GYM = "Surgical Gym: 345,000 physics steps a second, serial arms"
 
 
 def reach(watch: Watch, short: bool = False) -> list[Figure]:
@@ -57,6 +62,26 @@ def peg(watch: Watch, short: bool = False) -> list[Figure]:
 def two_arms(watch: Watch, short: bool = False) -> list[Figure]:
     """Clone the scripted bi-peg-transfer, and judge it."""
     return figures(cloned("bi-peg-transfer", (">= 0.8", ""), watch, short))
+
+
+def single() -> list[Figure]:
+    """Measure one environment beside its physics."""
+    return figures(_function("learning_single", "single")())
+
+
+def batch(watch: Watch, short: bool = False) -> list[Figure]:
+    """Measure batches of scenes on two threads."""
+    return figures(_function("learning_batch", "batches")(watch, short), SURROL_SPEED)
+
+
+def gpu() -> list[Figure]:
+    """Measure scenes on a GPU."""
+    return figures(_function("learning_gpu", "rows")(), SURGICAL_GYM)
+
+
+def _function(module: str, name: str) -> Callable[..., list[Row]]:
+    """Import a function that returns rows; its module may need an extra that others do not."""
+    return getattr(import_module(f"benchmarks.{module}"), name)
 
 
 def cloned(scene: str, goals: tuple[str, str], watch: Watch, short: bool) -> list[Row]:
@@ -128,10 +153,15 @@ def figures(rows: Sequence[Row], source: str = "") -> list[Figure]:
     """
     found: list[Figure] = []
     for name, value, unit, goal in rows:
-        sense, _, bound = goal.partition(" ")
-        if goal and sense not in (">=", "<="):
+        words = f"<= {goal}" if isinstance(goal, float | int) else goal or ""
+        words = "" if words == "printed" else words
+        sense, _, bound = words.partition(" ")
+        if words and sense not in (">=", "<="):
             raise ValueError(f"{name}: got the goal {goal!r}; allowed: >= and <= with a number")
+        measured = float("nan") if value is None else value
         upper = float(bound) if sense == "<=" else None
         lower = float(bound) if sense == ">=" else None
-        found.append(Figure(name, value, unit, upper, lower, source=source))
+        if value is None:  # what was not measured is not missed
+            upper = lower = None
+        found.append(Figure(name, measured, unit, upper, lower, source=source))
     return found

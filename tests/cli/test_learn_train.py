@@ -61,6 +61,23 @@ def test_options_without_effect_are_refused(
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["needle-pik"], "unknown scene 'needle-pik' (did you mean 'needle-pick'?)"),
+        (["needle-pick", "--data", "nowhere"], "nowhere/meta/info.json: no such file"),
+    ],
+)
+def test_bad_input_makes_no_folder(
+    words: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("torch", reason="training needs PyTorch")
+    out = tmp_path / "run"
+    assert main(["learn", "train", *words, "--method", "bc", "-o", str(out)]) == 2
+    assert message in capsys.readouterr().err
+    assert not out.exists()
+
+
 def test_errors_of_robots_change_the_episodes(capsys: pytest.CaptureFixture[str]) -> None:
     paths: list[float] = []
     for errors in ([], ["--errors", "lab"]):

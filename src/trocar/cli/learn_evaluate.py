@@ -10,6 +10,7 @@ from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING, Any
 
 from trocar.cli.arguments import add_json, options
+from trocar.cli.learn_train import add_drawn, drawn
 from trocar.cli.output import fixed, print_result, progress_bar, table
 from trocar.errors import InputError
 
@@ -34,6 +35,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         --cluster ADDRESS           run the episodes on the Ray cluster at HOST:PORT, or on a local
                                     one of --workers processes: local (extra cluster)
     """)  # fmt: skip
+    add_drawn(parser)
     add_json(parser)
 
 
@@ -44,7 +46,7 @@ def run(args: Namespace) -> int:
         if value < least:
             raise InputError(f"--{name}: got {value}; allowed: {least} or more")
     from trocar.descriptions.catalogue import load_scene
-    from trocar.learning.evaluation import faulty, summarise
+    from trocar.learning.evaluation import summarise
     from trocar.learning.policies import PolicyFile
     from trocar.tasks import Task, play
     from trocar.tasks.play import scripted
@@ -52,7 +54,8 @@ def run(args: Namespace) -> int:
 
     scene = load_scene(args.scene)
     if args.errors is not None:
-        scene = faulty(scene, args.errors)
+        scene = scene.with_errors(args.errors)
+    scene = drawn(args, scene)
     files = [PolicyFile(name, args.trust) for name in args.policy if name != "scripted"]
     for file in files:
         file.check(scene)
@@ -73,6 +76,8 @@ def run(args: Namespace) -> int:
         "scene": scene.name,
         "first_seed": args.first_seed,
         "errors": args.errors,
+        "randomise": args.randomise,
+        "tips": args.tips,
         "policies": found,
     }
     print_result(args, document, lambda: _report(scene.name, args, found))
@@ -98,6 +103,7 @@ def _report(scene: str, args: Namespace, found: list[Evaluation]) -> str:
         for one in found
     ]
     errors = f", robot errors {args.errors}" if args.errors else ""
+    errors += f", randomised {args.randomise}" if args.randomise else ""
     last = args.first_seed + args.seeds - 1
     lines = [f"{scene}: seeds {args.first_seed} to {last}{errors}", "", table(head, rows)]
     for one in found:

@@ -17,9 +17,11 @@ from typing import TYPE_CHECKING, Any
 
 from trocar.cli.arguments import add_json, add_overwrite, allow, options
 from trocar.cli.output import fixed, print_result, progress_bar
+from trocar.descriptions.catalogue import load_scene
 from trocar.errors import InputError, MissingExtraError
 
 if TYPE_CHECKING:
+    from trocar.descriptions.scenes import Scene
     from trocar.learning.policies import TrainedPolicy
     from trocar.learning.run_folder import RunFolder
 
@@ -51,8 +53,27 @@ def add_arguments(parser: ArgumentParser) -> None:
                                           archive.zip
         --no-video                        write no video
     """)  # fmt: skip
+    add_drawn(parser)
     add_overwrite(parser, "the files of an earlier training")
     add_json(parser)
+
+
+def add_drawn(parser: ArgumentParser) -> None:
+    """Add the randomisation of worlds."""
+    options(parser, """
+        --randomise PRESET          draw each episode's world anew: none, lab, wide, or a TOML file
+                                    of spreads
+        --tips robot|camera = robot  with --randomise: tips as the robot reports them, or corrected
+                                    by images
+    """)  # fmt: skip
+
+
+def drawn(args: Namespace, scene: Scene) -> Scene:
+    """Return a scene as the options of `add_drawn` have it."""
+    if args.randomise is None:
+        allow(args, "with --randomise", "tips")
+        return scene
+    return scene.randomised(args.randomise, args.tips)
 
 
 def run(args: Namespace) -> int:
@@ -73,12 +94,16 @@ def run(args: Namespace) -> int:
     else:
         allow(args, "with --method bc", "episodes", "epochs", "data")
     from trocar.learning.cloning import torch_on
+    from trocar.learning.lerobot import open_dataset
     from trocar.learning.run_folder import RunFolder
 
     torch_on(args.device)
+    scene = drawn(args, load_scene(args.scene))
+    if args.data is not None:
+        open_dataset(args.data)
     folder = RunFolder(args.out, args.overwrite)
     begin, wall = time.process_time(), time.monotonic()
-    policy, log = _clone(args, folder) if cloning else _actor(args, folder)
+    policy, log = _clone(args, scene, folder) if cloning else _actor(args, scene, folder)
     log |= {
         "command": _command(args),
         "cpu_s": round(time.process_time() - begin, 1),
@@ -87,7 +112,7 @@ def run(args: Namespace) -> int:
     kept = {name: value for name, value in log.items() if name != "wall_s" and value is not None}
     policy = replace(policy, training=kept)
     files = folder.write(policy, log)
-    filmed = None if args.no_video else _film(args, folder)
+    filmed = None if args.no_video else _film(scene, folder)
     if filmed is not None:
         files.append(folder.path / "episode.mp4")
     document = {"files": [str(file) for file in files], **log, "filmed": filmed}
@@ -95,7 +120,9 @@ def run(args: Namespace) -> int:
     return 0
 
 
-def _clone(args: Namespace, folder: RunFolder) -> tuple[TrainedPolicy, dict[str, Any]]:
+def _clone(
+    args: Namespace, scene: Scene, folder: RunFolder
+) -> tuple[TrainedPolicy, dict[str, Any]]:
     from trocar.learning.cloning import (
         CloneSettings,
         clone,
@@ -107,7 +134,7 @@ def _clone(args: Namespace, folder: RunFolder) -> tuple[TrainedPolicy, dict[str,
     from trocar.learning.policies import TrainedPolicy
     from trocar.tasks import make_task
 
-    task, count = make_task(args.scene), args.episodes or 250
+    task, count = make_task(scene), args.episodes or 250
     settings = replace(CloneSettings(), seed=args.seed)
     if args.data is None:
         with progress_bar("episodes") as draw:
@@ -134,7 +161,7 @@ def _clone(args: Namespace, folder: RunFolder) -> tuple[TrainedPolicy, dict[str,
         "seeds": None if args.data else [0, count - 1],
         "episodes": shown.episodes,
         "failures": shown.failures,
-        "periods": rows,
+        "periods": rows // (1 + settings.copies),
     }
     names = SceneFeatures(task).names
     policy = TrainedPolicy(
@@ -143,7 +170,9 @@ def _clone(args: Namespace, folder: RunFolder) -> tuple[TrainedPolicy, dict[str,
     return policy, log
 
 
-def _actor(args: Namespace, folder: RunFolder) -> tuple[TrainedPolicy, dict[str, Any]]:
+def _actor(
+    args: Namespace, scene: Scene, folder: RunFolder
+) -> tuple[TrainedPolicy, dict[str, Any]]:
     from trocar.learning.baselines import settings_of, train_actor
 
     settings = replace(settings_of(args.method), seed=args.seed)
@@ -156,18 +185,18 @@ def _actor(args: Namespace, folder: RunFolder) -> tuple[TrainedPolicy, dict[str,
             folder.add(step=step, success=success)
             draw(step, settings.steps)
 
-        policy = train_actor(args.scene, args.method, settings, args.device, archive, watch)
+        policy = train_actor(scene, args.method, settings, args.device, archive, watch)
     log = {"scene": policy.scene, "method": args.method, "settings": asdict(settings)}
     return policy, log
 
 
-def _film(args: Namespace, folder: RunFolder) -> dict[str, Any] | None:
+def _film(scene: Scene, folder: RunFolder) -> dict[str, Any] | None:
     """Film an episode of the policy, where what is needed is installed."""
     from trocar.learning.policies import PolicyFile
     from trocar.learning.run_folder import POLICY, VIDEO, film_episode
     from trocar.tasks import make_task
 
-    task = make_task(args.scene)
+    task = make_task(scene)
     script = PolicyFile(folder.path / POLICY).script
     try:
         episode = film_episode(task, script, FILMED, folder.path / VIDEO)
@@ -180,7 +209,7 @@ def _film(args: Namespace, folder: RunFolder) -> dict[str, Any] | None:
 def _command(args: Namespace) -> str:
     """Return the command line that makes the policy again."""
     words = ["trocar", "learn", "train", args.scene, "--method", args.method]
-    for name in ("device", "seed", "steps", "episodes", "epochs", "data"):
+    for name in ("device", "seed", "steps", "episodes", "epochs", "data", "randomise", "tips"):
         if name in args.given:
             words += [f"--{name}", str(getattr(args, name))]
     return shlex.join([*words, "-o", str(Path(args.out).name)])

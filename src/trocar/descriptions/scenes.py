@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 from trocar.descriptions.cameras import load_stereo_camera
 from trocar.descriptions.keys import key
 from trocar.descriptions.props import read_bands, read_props
+from trocar.descriptions.randomisation import NONE, Randomisation, TipSource, read_randomisation
 from trocar.descriptions.records import DynamicsKind, GraspKind, RigDescription
+from trocar.descriptions.robot_errors import robot_errors
 from trocar.descriptions.sensors import read_sensors
 from trocar.descriptions.table import Table
-from trocar.errors import InputError
+from trocar.errors import InputError, UnknownNameError
 from trocar.geometry.rotations import rotation_z
 from trocar.geometry.se3 import inverse, transform
 
@@ -94,6 +96,11 @@ class SceneKeys:
         hidden: objects that observations leave out, and with them places of goals on them
         camera: preset of the endoscope's camera; default: the rig's
         grasp, dynamics: as in the rig's file; default: the rig's
+        errors: of the robots, "perfect", "lab" or "wide"; default: the rig's
+        randomise: worlds are drawn anew at each reset: "none", "lab", "wide", or the path of a
+            TOML file; its robot errors are those of the scene then
+        tips: tips in observations are those that the "robot" measures, or corrected by images of a
+            "camera"
     """
 
     name: str = field(metadata=key())
@@ -109,6 +116,9 @@ class SceneKeys:
     camera: str = field(metadata=key(default=""))
     grasp: GraspKind | None = field(default=None, metadata=key())
     dynamics: DynamicsKind | None = field(default=None, metadata=key())
+    errors: str = field(default="", metadata=key())
+    randomise: str = field(default="", metadata=key())
+    tips: TipSource = field(default="robot", metadata=key())
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +137,8 @@ class Scene:
         hidden: objects that observations leave out, and with them places of goals on them
         look: settings of `trocar.rendering.Look` for the images that the task looks at, by name;
             others are as the task has them
+        randomisation: spreads by which each reset draws the world
+        tips: source of the tips in observations
     """
 
     name: str
@@ -143,6 +155,46 @@ class Scene:
     hidden: tuple[str, ...] = ()
     welded: tuple[str, ...] = ()
     look: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    randomisation: Randomisation = field(default_factory=Randomisation)
+    tips: TipSource = "robot"
+
+    def with_errors(self, errors: str) -> Scene:
+        """Return this scene with robots that have errors of a preset: "perfect", "lab" or "wide".
+
+        No arm is welded then, as the encoders of those that stand still have errors as well.
+
+        Raises:
+            UnknownNameError: no such preset; the known ones are listed
+        """
+        found = robot_errors(errors)
+        welded = self.welded if found is None else ()
+        return replace(self, rig=replace(self.rig, errors=found), welded=welded)
+
+    def randomised(
+        self, randomisation: Randomisation | str | Path, tips: TipSource = "robot"
+    ) -> Scene:
+        """Return this scene with worlds that each reset draws anew.
+
+        Success is judged by true poses; observations have tips and objects as the robots and
+        cameras report them.
+
+        Args:
+            randomisation: spreads, a preset ("none", "lab", "wide"), or the path of a TOML file
+            tips: "robot": by encoders and registration; "camera": corrected by images of the tips
+
+        Raises:
+            UnknownNameError, DescriptionError: as `read_randomisation`
+            InputError: other tips
+        """
+        if tips not in get_args(TipSource):
+            raise InputError(f"tips: got {tips!r}; allowed: {', '.join(get_args(TipSource))}")
+        spreads = (
+            randomisation
+            if isinstance(randomisation, Randomisation)
+            else read_randomisation(randomisation)
+        )
+        found = self.with_errors(spreads.errors) if spreads.errors else self
+        return replace(found, randomisation=spreads, tips=tips)
 
     def placed(self, rng: np.random.Generator) -> dict[str, Array]:
         """Draw where its objects begin, {object: T_world_object (4, 4)}.
@@ -216,7 +268,7 @@ def read_scene(table: Table, load_rig: Callable[[str | Path], RigDescription]) -
     table.done()
     # Arms without motors have no reading errors, so none is welded in a rig with errors.
     idle = {*known} - {*keys.arms}
-    return Scene(
+    scene = Scene(
         name=keys.name,
         title=keys.title,
         source=keys.source,
@@ -231,6 +283,15 @@ def read_scene(table: Table, load_rig: Callable[[str | Path], RigDescription]) -
         hidden=hidden,
         welded=() if rig.errors else tuple(a.name for a in rig.arms if a.name in idle),
     )
+    try:
+        scene = scene.with_errors(keys.errors) if keys.errors else scene
+    except UnknownNameError as problem:
+        raise table.fail("errors", str(problem)) from problem
+    spreads = beside / keys.randomise if keys.randomise.endswith(".toml") else keys.randomise
+    try:
+        return scene.randomised(spreads or NONE, keys.tips)
+    except UnknownNameError as problem:
+        raise table.fail("randomise", str(problem)) from problem
 
 
 def _without(table: Table, keys: SceneKeys, rig: RigDescription) -> RigDescription:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.descriptions.scenes import Scene
 from trocar.errors import MissingExtraError, UnknownNameError
 from trocar.learning.cloning import torch_on
 from trocar.learning.networks import NEAR_WAY, WAY, goal_difference, make_perceptron
@@ -94,7 +95,7 @@ def settings_of(method: str) -> ActorSettings:
 
 
 def train_actor(
-    scene: str,
+    scene: Scene | str,
     method: str,
     settings: ActorSettings,
     device: str = "cpu",
@@ -104,7 +105,7 @@ def train_actor(
     """Train an actor on a scene, on one thread, so that a seed gives one network.
 
     Args:
-        scene: name, or path of its file
+        scene: a scene, its name, or the path of its file
         method: one of `METHODS`
         settings: of the training
         device: "cpu" or "cuda", of the networks; the scene is simulated on the CPU
@@ -167,7 +168,7 @@ def _stable_baselines() -> Any:
     return stable_baselines3
 
 
-def _sac_her(torch: Any, sb3: Any, scene: str, settings: ActorSettings, device: str) -> Any:
+def _sac_her(torch: Any, sb3: Any, scene: Scene | str, settings: ActorSettings, device: str) -> Any:
     """Return an untrained SAC whose buffer replaces goals by those that were reached later."""
     base = sb3.common.torch_layers.BaseFeaturesExtractor
 
@@ -197,7 +198,7 @@ def _sac_her(torch: Any, sb3: Any, scene: str, settings: ActorSettings, device: 
     )
 
 
-def _ppo(torch: Any, sb3: Any, scene: str, settings: ActorSettings, device: str) -> Any:  # noqa: ARG001
+def _ppo(torch: Any, sb3: Any, scene: Scene | str, settings: ActorSettings, device: str) -> Any:  # noqa: ARG001
     """Return an untrained PPO."""
     worlds = sb3.common.vec_env.DummyVecEnv(
         [lambda: SceneEnv(scene, **settings.env)] * settings.worlds

@@ -257,7 +257,7 @@ def _readings(task: Task, dataset: Dataset, rows: Mapping[str, NDArray[Any]]) ->
         return dict(zip(names, np.split(values, np.cumsum(sizes)[:-1], axis=1), strict=True))
 
     def later(column: str, first: str) -> NDArray[Any]:
-        """Return what a column has after the period before."""
+        """Return a column as of the begin of each period, from its values at the ends."""
         return np.concatenate([rows[first][:1], rows[column][:-1]])
 
     nominal = read_task(task)

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from statistics import NormalDist
 
 import numpy as np
 
-from trocar.descriptions.robot_errors import robot_errors
-from trocar.descriptions.scenes import Scene
 from trocar.errors import InputError
 from trocar.tasks import Episode
 
@@ -47,21 +45,6 @@ class Evaluation:
     distance_m: float
     stalled_s: float
     failures: dict[str, int]
-
-
-def faulty(scene: Scene, errors: str) -> Scene:
-    """Return a scene whose robots have errors of sensors and cables.
-
-    Args:
-        scene: with any robots
-        errors: preset, "perfect", "lab" or "wide"
-
-    Raises:
-        UnknownNameError: no such preset
-    """
-    rig = replace(scene.rig, errors=robot_errors(errors))
-    # arms without motors have no reading errors, so none is welded
-    return replace(scene, rig=rig, welded=() if rig.errors else scene.welded)
 
 
 def summarise(policy: str, episodes: Sequence[Episode]) -> Evaluation:

@@ -55,7 +55,7 @@ class Referee:
         remarks: of the policy, about what it could not do; they stand in the reason
         time: of the last reading [s]
         states: of all objects, then
-        tips: of the driven arms in the world, then, {arm: (3,)} [m]
+        tips: true ones of the driven arms in the world, then, {arm: (3,)} [m]
         held: objects that both fingers press, then, {arm: object}
         distance: length of each tip's path, {arm: length} [m]
         force: largest net force of contacts on each arm, {arm: force} [N]
@@ -91,9 +91,7 @@ class Referee:
         self.grip = dict.fromkeys(self._arms, 0.0)
         self.time = 0.0
         self.held: dict[str, str] = {}
-        self.tips = {
-            name: arm.measured_cp("world").matrix[:3, 3] for name, arm in self._arms.items()
-        }
+        self.tips = {name: self._tip(name) for name in self._arms}
 
     def read(self) -> None:
         """Read objects, grasps, forces and tips, and count drops; once in every period."""
@@ -109,8 +107,8 @@ class Referee:
                 self.force[arm] = max(self.force[arm], math.hypot(*force.tolist()))
         if before or self._fell_from:
             self._count_drops(set(before.values()), set(self.held.values()))
-        for name, arm in self._arms.items():
-            tip = arm.measured_cp("world").matrix[:3, 3]
+        for name in self._arms:
+            tip = self._tip(name)
             self.distance[name] += math.dist(tip.tolist(), self.tips[name].tolist())
             self.tips[name] = tip
 
@@ -177,11 +175,7 @@ class Referee:
             at = self.place(goal, at)
         if goal.arm and not goal.held:
             tip = self.tips.get(goal.arm)
-            off = (
-                self._world.arms[goal.arm].measured_cp("world").matrix[:3, 3]
-                if tip is None
-                else tip
-            ) - at
+            off = (self._tip(goal.arm) if tip is None else tip) - at
             if goal.object:
                 off -= self.states.positions[self._rows[goal.object]]
         else:
@@ -216,6 +210,13 @@ class Referee:
         return fls_score(min(self.time, limit), len(self.goals), self.drops, wrong, limit)
 
     # ------------------------------------------------------------------ inside
+
+    def _tip(self, arm: str) -> Array:
+        """Return the true place of a tip, whatever its encoders report, (3,) [m]."""
+        world = self._world
+        if world.errors is None:
+            return world.arms[arm].measured_cp("world").matrix[:3, 3]
+        return world.true_state(arm).world[:3, 3]
 
     def _count_drops(self, before: set[str], now: set[str]) -> None:
         """Count objects that fell since a jaw released them."""

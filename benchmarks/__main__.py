@@ -22,6 +22,7 @@ from trocar.robot.verification.figures import figure_rows
 
 NAMES = names_of(EXPERIMENTS)
 PARTS = tuple(e.part for e in EXPERIMENTS if e.part)
+PARTED = ", ".join(names_of(e for e in EXPERIMENTS if e.part))
 TRANSPORTS = ("websocket", "ros1", "ros2")
 
 
@@ -73,7 +74,8 @@ def parse(words: Sequence[str]) -> tuple[Namespace, list[Experiment]]:
                                   (default: 4; interface: 10; soak: 3600; random-actions: 2)
         --passes N:count          {of('passes')}: number of passes (default: 31)
         --seeds N:seeds           {of('seeds')}: robots or trials (default: 20; assistance: 50)
-        --only {'|'.join(PARTS)}  vision: this part (default: all; held is a part of needle)
+        --only {'|'.join(PARTS)}  {PARTED}: this part (default: all; held is a part of needle)
+        --short                   {of('short')}: judge by few seeds
         --style {'|'.join(STYLES)}    {of('style')} (needle, held): this ground (default: all)
         --first SEED:int          {of('first')} (held): the first robot (default: 0)
         --workers N:count         {of('workers')} (needle): processes (default: 1)
@@ -84,6 +86,8 @@ def parse(words: Sequence[str]) -> tuple[Namespace, list[Experiment]]:
                                   all)
         --keep FILE:path          {of('keep')} (needle): keep episodes or runs in FILE, and do not
                                   run again those that it has
+        --policy FILE:path        {of('policy')}: a policy (see trocar play) in place of the scenes'
+                                  own; without --scene, on the scene that it was trained on
         --live S:duration         {of('live')}: time of the cart in real time, its page in a
                                   headless browser (default: 60)
         -o,--output PNG:path      {of('output')}: plot it
@@ -103,6 +107,12 @@ def parse(words: Sequence[str]) -> tuple[Namespace, list[Experiment]]:
         const="",
         help="scope: a program loads the page instead",
     )
+    parser.add_argument(
+        "--trust",
+        action="store_const",
+        const="",
+        help="tasks: the archive of --policy may be unpickled, which can run any code",
+    )
     add_json(parser)
     if folder := os.environ.get("TROCAR_HARDWARE_DATA"):
         parser.set_defaults(recordings=Path(folder))
@@ -115,9 +125,13 @@ def parse(words: Sequence[str]) -> tuple[Namespace, list[Experiment]]:
         for e in chosen(EXPERIMENTS, args.name)
         if not e.part or (e.part == args.only if args.only else e.usual)
     ]
-    owners = {option: of(option) for e in EXPERIMENTS for option in e.options} | {"only": "vision"}
+    parts = [e.part for e in EXPERIMENTS if e.part and e.name in args.name]
+    if parts and args.only and args.only not in parts:
+        got = f"{args.only} with {' and '.join(args.name)}"
+        raise InputError(f"--only: got {got}; allowed: {', '.join(parts)}")
+    owners = {option: of(option) for e in EXPERIMENTS for option in e.options} | {"only": PARTED}
     taken = {option for e in experiments for option in e.options}
-    taken |= {"only"} if "vision" in args.name else set()
+    taken |= {"only"} if any(e.part for e in experiments) else set()
     for option in owners.keys() - taken:
         if getattr(args, option) != parser.get_default(option):
             whose = owners[option].replace(", ", " or ")

@@ -17,10 +17,10 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from benchmarks.tasks import wilson
 from trocar.errors import DivergedError, InputError
 from trocar.geometry.rotations import rotation_z
 from trocar.geometry.se3 import transform
+from trocar.learning.evaluation import wilson
 from trocar.robot.verification.figures import Figure
 from trocar.simulation import World
 from trocar.tasks import run_episode

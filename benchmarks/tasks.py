@@ -1,4 +1,4 @@
-"""Success, time, forces and speed of the scripted policies of every scene, over many seeds."""
+"""Success, time, forces and speed of policies of scenes, over many seeds."""
 
 from __future__ import annotations
 
@@ -11,16 +11,18 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from scipy.stats import norm
 from scipy.stats import t as student
 
 from trocar.descriptions.catalogue import load_scene, names
+from trocar.errors import InputError
+from trocar.learning.evaluation import CONFIDENCE, wilson
+from trocar.learning.policies import PolicyFile
 from trocar.robot.verification.figures import Figure
 from trocar.simulation import World
 from trocar.tasks import Episode, make_task, run_episode, task_names
+from trocar.tasks.play import scripted
 
 EPISODES = 50
-CONFIDENCE = 0.95
 #: Modules of scenes that benchmarks of their own measure.
 APART = ("suturing", "vision")
 #: Physics steps that measure the machine after each episode. Source: our own choice, 50 ms or less.
@@ -41,43 +43,63 @@ def own_scenes() -> tuple[str, ...]:
 
 
 def tasks(
-    scenes: Sequence[str], episodes: int, watch: Callable[[str], None], file: Path | None = None
+    scenes: Sequence[str],
+    episodes: int,
+    watch: Callable[[str], None],
+    file: Path | None = None,
+    *,
+    policy: Path | None = None,
+    trust: str | None = None,
 ) -> list[Figure]:
     """Return the figures of scenes, with seeds from 0 on.
 
-    When none is named, of all built-in ones, and what an object costs that is asleep or awake.
+    When none is named, of that of the policy, else of all built-in ones, and what an object costs
+    that is asleep or awake.
 
     Args:
         scenes, episodes, watch: names, number of each, and function that reports progress
         file: keeps each episode as a line of JSON; those that it has are not run again
+        policy: file of a policy; None: each scene's own one
+        trust: not None: the policy may be unpickled
     """
+    own = None if policy is None else PolicyFile(policy, trust is not None)
+    if own is not None and not scenes:
+        if not own.scene:
+            raise InputError(f"--policy: {policy} is for any scene; allowed: with --scene")
+        scenes = (own.scene,)
     found: list[Figure] = []
     for name in scenes or own_scenes():
+        if own is not None:
+            own.check(load_scene(name))
         watch(f"{name}, {episodes} episodes")
-        found += figures(*_episodes(name, episodes, file))
+        found += figures(*_episodes(name, episodes, file, own))
     return found if scenes else [*found, *asleep_and_awake()]
 
 
-def _episodes(name: str, episodes: int, file: Path | None) -> tuple[list[Episode], float, float]:
+def _episodes(
+    name: str, episodes: int, file: Path | None, policy: PolicyFile | None
+) -> tuple[list[Episode], float, float]:
     """Run the episodes of a scene that a file lacks; return the arguments of `figures`, of all."""
+    script, who = (scripted, "scripted") if policy is None else (policy.script, policy.name)
     known: dict[int, tuple[Episode, float, float]] = {}
     if file is not None and file.exists():
         called = load_scene(name).name
         for line in file.read_text(encoding="utf-8").splitlines():
             row = json.loads(line)
-            if row["scene"] == called and row["seed"] < episodes:
+            theirs = row.pop("policy", "scripted") == who
+            if theirs and row["scene"] == called and row["seed"] < episodes:
                 cpu_s, step_s = row.pop("cpu_s"), row.pop("step_s")
                 known[row["seed"]] = Episode(**row), cpu_s, step_s
     task = make_task(name) if len(known) < episodes else None
     for seed in range(episodes):
         if task is not None and seed not in known:
             begin = time.process_time()
-            one = run_episode(task, seed)
+            one = run_episode(task, seed, script=script)
             cpu_s, step_s = time.process_time() - begin, bare_step()
             known[seed] = one, cpu_s, step_s
             if file is not None:
                 with file.open("a", encoding="utf-8") as out:
-                    row = {**asdict(one), "cpu_s": cpu_s, "step_s": step_s}
+                    row = {**asdict(one), "cpu_s": cpu_s, "step_s": step_s, "policy": who}
                     out.write(json.dumps(row) + "\n")
     results, times, steps = zip(*(known[seed] for seed in range(episodes)), strict=True)
     return list(results), sum(times), float(np.median(steps))
@@ -175,14 +197,3 @@ def figures(results: Sequence[Episode], cpu_s: float, step_s: float) -> list[Fig
             source="processor time over that of mj_step of a PSM, on any machine",
         ),
     ]
-
-
-def wilson(good: int, count: int) -> tuple[float, float]:
-    """Return the interval of a ratio that holds with 95 %.
-
-    Source: Wilson, Journal of the American Statistical Association 22, 1927.
-    """
-    z = float(norm.ppf(0.5 + CONFIDENCE / 2.0))
-    middle = (good + z * z / 2.0) / (count + z * z)
-    half = z / (count + z * z) * np.sqrt(good * (count - good) / count + z * z / 4.0)
-    return max(0.0, float(middle - half)), min(1.0, float(middle + half))

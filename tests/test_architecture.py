@@ -64,7 +64,7 @@ HOMES = {
     ),
     "ruckig": ("simulation",),
     "yaml": ("cameras",),
-    "tomli_w": ("descriptions",),
+    "tomli_w": ("descriptions", "learning/policies"),
     "viser": ("viewer",),
     "msgspec": ("messages", "live/inbox", "ros", "viewer", "scripts", "robot/dvrk_config"),
     "websockets": ("live/connections", "viewer", "ros/transports/websocket"),

@@ -53,7 +53,7 @@ def test_the_readme_calls_no_sample_file_a_recording_of_a_real_robot() -> None:
 
 
 #: Longer than a test may take, ended by Ctrl-C alone, or of a robot; each has tests of its own.
-LONG = ("trocar bench", "trocar verify", "trocar conform")
+LONG = ("trocar bench", "trocar verify", "trocar conform", "trocar learn-drive")
 #: What a command that serves is given as well: any free ports, and an end.
 SERVES = {
     "sim": ("--duration", "0.2", "--port", "0", "--websocket-port", "0"),
@@ -86,6 +86,9 @@ def test_the_tour_of_the_readme_works_as_it_is_typed(
     if any(" render " in line for line in lines):
         pytest.importorskip("imageio_ffmpeg", reason="the extra `all` is not installed")
         request.getfixturevalue("opengl")
+    if any(" learn" in line for line in lines):
+        for library in ("torch", "safetensors", "pyarrow"):
+            pytest.importorskip(library, reason="the extra `learn` is not installed")
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     monkeypatch.chdir(tmp_path)
     for line in lines:

@@ -32,6 +32,7 @@ from trocar.ros.transports.memory import MemoryTransport
 from trocar.ros.transports.websocket.server import Client, Conversation
 from trocar.simulation import World
 from trocar.tasks import make_task
+from trocar.tasks.play import scripted
 from trocar.tasks.served import ServedTask
 
 RIGS = ("psm", "pegs", SCENE, "full_cart_mtm")
@@ -86,7 +87,11 @@ class Target(logging.Handler):
 
     def __init__(self, rig: str, homed: bool) -> None:
         super().__init__()
-        task = ServedTask(make_task(rig), 0, scripted=homed) if rig == SCENE else None
+        task = (
+            ServedTask(make_task(rig), 0, script=scripted if homed else None)
+            if rig == SCENE
+            else None
+        )
         self.rig = rig
         self.world = World(rig, homed=homed) if task is None else task.task.world
         self.applied: list[Command] = []

@@ -68,6 +68,11 @@ def test_an_option_of_none_of_the_experiments_is_refused(
     assert main(["startup", "--scene", "peg-board"]) == 2
     assert "--scene: allowed with tasks or random-actions only" in capsys.readouterr().err
     assert main(["laws", "--only", "tips"]) == 2
-    assert "--only: allowed with vision only" in capsys.readouterr().err
+    assert "--only: allowed with learning or vision only" in capsys.readouterr().err
+
+
+def test_a_part_of_another_benchmark_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["vision", "--only", "reach"]) == 2
+    assert "--only: got reach with vision; allowed: hand-eye" in capsys.readouterr().err
     assert main(["nothing"]) == 2
     assert "argument NAME: got 'nothing'; allowed: startup, recording" in capsys.readouterr().err

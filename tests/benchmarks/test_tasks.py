@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from benchmarks.random_actions import random_actions
-from benchmarks.tasks import asleep_and_awake, figures, tasks, wilson
+from benchmarks.tasks import asleep_and_awake, figures, tasks
+from trocar.errors import InputError
 from trocar.tasks import Episode
 
 
@@ -16,12 +17,6 @@ def episode(success: bool, time_s: float) -> Episode:
     return Episode(
         "s", 0, success, reason, 1.0, time_s, 1, 1, 2, each, each, each, each, "friction", "cad", ""
     )
-
-
-def test_intervals_of_ratios_are_wilsons() -> None:
-    # Source: Newcombe, Statistics in Medicine 17, 1998, table I, method 3: 81/263 and 0/20.
-    assert wilson(81, 263) == pytest.approx((0.2553, 0.3662), abs=5e-5)
-    assert wilson(0, 20) == pytest.approx((0.0, 0.1611), abs=5e-5)
 
 
 def test_times_are_those_of_successes_and_drops_those_of_all() -> None:
@@ -44,6 +39,19 @@ def test_episodes_that_a_file_has_are_not_run_again(tmp_path: Path) -> None:
     assert lines[0] == kept and len(lines) == 2
     file.write_text(lines[0] + lines[1].replace('"success": true', '"success": false'))
     assert (again[0].value, tasks(scene, 2, quiet, file)[0].value) == (1.0, 0.5)
+
+
+def test_episodes_of_a_policy_file_are_kept_apart_from_scripted_ones(tmp_path: Path) -> None:
+    still = "def make_policy(env):\n    return lambda obs: 0.0 * env.actions.low\n"
+    file, policy = tmp_path / "kept.jsonl", tmp_path / "still.py"
+    policy.write_text(still, encoding="utf-8")
+    quiet: Callable[[str], None] = lambda _: None  # noqa: E731
+    for _ in range(2):
+        assert tasks(["needle-reach"], 1, quiet, file, policy=policy)[0].value == 0.0
+        assert tasks(["needle-reach"], 1, quiet, file)[0].value == 1.0
+    assert len(file.read_text(encoding="utf-8").splitlines()) == 2
+    with pytest.raises(InputError, match=r"still.py is for any scene; allowed: with --scene"):
+        tasks([], 1, quiet, policy=policy)
 
 
 def test_an_object_costs_less_while_it_sleeps() -> None:

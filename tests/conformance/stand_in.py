@@ -10,6 +10,7 @@ from trocar.errors import TrocarError
 from trocar.messages import blank
 from trocar.ros.client import CALL_S, DEPTH, Graph, Take
 from trocar.ros.topic import JOINTS
+from trocar.simulation import World
 
 PEER = "kit"
 TICK_S = 0.001
@@ -20,7 +21,7 @@ class ServedClient:
 
     name = "memory"
 
-    def __init__(self, rig: str = "psm") -> None:
+    def __init__(self, rig: str | World = "psm") -> None:
         self.served = Served(rig, wanted=(), rate_hz=100.0)  # the dVRK's rate
         self.takes: dict[str, list[Take]] = {}
         self._count: dict[str, int] = {}

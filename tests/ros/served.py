@@ -47,8 +47,10 @@ class HandClock:
 class Served:
     """Run ticks and publish what they bring, in the thread of the test."""
 
-    def __init__(self, rig: str = "psm", *, wanted=None, world: dict | None = None, **core) -> None:
-        self.world = World(rig, **(world or {}))
+    def __init__(
+        self, rig: str | World = "psm", *, wanted=None, world: dict | None = None, **core
+    ) -> None:
+        self.world = rig if isinstance(rig, World) else World(rig, **(world or {}))
         self.clock = HandClock()
         self.loop = Loop(self.world, tick_s=SERVER_TICK_S, clock=self.clock)
         self.core = Core(self.loop, **core)

@@ -1,8 +1,9 @@
-"""Play a training scene: by its scripted policy and scored, or by a person or a client.
+"""Play a training scene: by a policy and scored, or by a person or a client.
 
 The scene is served like trocar sim; score, time and drops are in the web viewer and on the topic
-task/state. With --headless scripted episodes run as fast as possible, and success, score, time,
-distances, forces and drops of each are printed. See docs/scenes.md.
+task/state. With --headless episodes run as fast as possible, and success, score, time, distances,
+forces and drops of each are printed. See docs/scenes.md, and docs/learning-policies.md for files
+of policies.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from trocar.descriptions.scenes import Scene
     from trocar.rendering import Endoscope
     from trocar.tasks import Episode, Task
+    from trocar.tasks.play import Script
 
 SUMMARY = "play a training scene, scripted or by hand"
 ORDER = 15
@@ -51,8 +53,11 @@ def add_arguments(parser: ArgumentParser) -> None:
     options(parser, """
         scene SCENE             built-in scene (see trocar list scenes) or TOML file
         --seed N:int = 0        seed of the first episode
-        --policy scripted|none  scripted: the scene's own policy (default where it has one); none: a
-                                person or a client drives
+        --policy scripted|none|FILE
+                                scripted: the scene's own policy (default where it has one); none: a
+                                person or a client drives; FILE: a policy of one's own (.py), a
+                                trained one (.toml), or an archive of Stable-Baselines3 (.zip)
+        --trust                 of --policy FILE.zip: unpickle it, which can run any code
         --headless              run without web viewer and clients
         --episodes N:int = 1    episodes, with the seeds that follow
         --workers N:int = 1     processes that episodes run on; results do not depend on it
@@ -93,10 +98,11 @@ def run(args: Namespace) -> int:
             raise InputError(f"--{name}: got {value}; allowed: {least} or more")
     _allow(args)
     args.scene = _scene(args)
+    script, policy = _policy(args)
     if args.plan:
         _write_plan(args)
     if not args.headless:
-        return _serve(args)
+        return _serve(args, script, policy)
     if args.policy == "none":
         raise InputError("--policy none: got --headless, where nobody drives; allowed: without it")
     kept = bool(args.record or args.video or args.record_images)
@@ -117,18 +123,24 @@ def run(args: Namespace) -> int:
             draw(round(len(found) * longest_s + time_s), round(args.episodes * longest_s))
 
         if watched:
-            episodes = _watched(args, duration_s, watch)
+            episodes = _watched(args, script, duration_s, watch)
         else:
             seeds, cluster = range(args.seed, args.seed + args.episodes), args.cluster or ""
             episodes = play(
-                args.scene, seeds, args.workers, cluster, duration_s=duration_s, watch=watch
+                args.scene,
+                seeds,
+                args.workers,
+                cluster,
+                script=script,
+                duration_s=duration_s,
+                watch=watch,
             )
         for episode in episodes:
             found.append(episode)
             watch(0.0)
     document = {
         "scene": found[0].scene,
-        "policy": "scripted",
+        "policy": policy or "scripted",
         "grasp": found[0].grasp,
         "dynamics": found[0].dynamics,
         "successes": sum(one.success for one in found),
@@ -142,6 +154,8 @@ def _allow(args: Namespace) -> None:
     """Reject options that do nothing in the mode, or with the scene."""
     allow_overwrite(args, "record", "video", "plan", "foxglove_record")
     scene = load_scene(args.scene)
+    if Path(args.policy or "").suffix.lower() != ".zip":
+        allow(args, "with --policy FILE.zip", "trust")
     if args.register == "points" and scene.task != "suturing":
         allow(args, "with the scene suturing", "register")
     if not args.headless:
@@ -215,8 +229,25 @@ def _write_plan(args: Namespace) -> None:
         task.make_plan().save(path, overwrite=args.overwrite)
 
 
-def _serve(args: Namespace) -> int:
-    """Serve the scene; its policy, or a person or a client drives."""
+def _policy(args: Namespace) -> tuple[Script, str]:
+    """Return the script that drives, and the name of its file, "" of the scene's own."""
+    from trocar.tasks.play import scripted
+
+    if args.policy in (None, "scripted", "none"):
+        return scripted, ""
+    from trocar.learning.policies import ALLOWED, PolicyFile
+
+    if not Path(args.policy).suffix:
+        raise InputError(
+            f"--policy: got {args.policy!r}; allowed: scripted, none, or a file: {ALLOWED}"
+        )
+    found = PolicyFile(args.policy, args.trust)
+    found.check(_loaded(args.scene))
+    return found.script, found.name
+
+
+def _serve(args: Namespace, script: Script, policy: str) -> int:
+    """Serve the scene; a policy, or a person or a client drives."""
     if args.register == "image":
         raise InputError("--register image: allowed with --headless only")
     from trocar.tasks import Task, make_task
@@ -227,15 +258,18 @@ def _serve(args: Namespace) -> int:
         scene = replace(scene, welded=())
     print(f"trocar: {scene.name}: starting ...", file=sys.stderr, flush=True)
     task = make_task(scene)
-    has_policy = type(task).policy is not Task.policy
-    scripted = has_policy if args.policy is None else args.policy == "scripted"
-    serve(task.world, args, task=ServedTask(task, args.seed, scripted=scripted))
+    if args.policy == "none" or (args.policy is None and type(task).policy is Task.policy):
+        served = ServedTask(task, args.seed, script=None)
+    else:
+        driver = f"policy {policy}" if policy else "scripted policy"
+        served = ServedTask(task, args.seed, script=script, driver=driver)
+    serve(task.world, args, task=served)
     print(_report([task.result(args.seed)]))
     return 0
 
 
 def _watched(
-    args: Namespace, duration_s: float, watch: Callable[[float], None]
+    args: Namespace, script: Script, duration_s: float, watch: Callable[[float], None]
 ) -> Iterator[Episode]:
     """Yield episodes that are recorded or filmed, or whose policy sees the wound in images."""
     from trocar.tasks import make_task, run_episode
@@ -249,7 +283,7 @@ def _watched(
         if args.video:
             _film(task, args, stack)
         for seed in range(args.seed, args.seed + args.episodes):
-            yield run_episode(task, seed, duration_s=duration_s, watch=watch)
+            yield run_episode(task, seed, script=script, duration_s=duration_s, watch=watch)
 
 
 def _register(task: Task, args: Namespace, stack: ExitStack) -> None:

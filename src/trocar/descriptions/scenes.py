@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 from trocar.descriptions.cameras import load_stereo_camera
 from trocar.descriptions.keys import key
 from trocar.descriptions.props import read_bands, read_props
+from trocar.descriptions.randomisation import NONE, Randomisation, TipSource, read_randomisation
 from trocar.descriptions.records import DynamicsKind, Generation, GraspKind, RigDescription
+from trocar.descriptions.robot_errors import robot_errors
 from trocar.descriptions.sensors import read_sensors
 from trocar.descriptions.table import Table
-from trocar.errors import InputError
+from trocar.errors import InputError, UnknownNameError
 from trocar.geometry.rotations import rotation_z
 from trocar.geometry.se3 import inverse, transform
 
@@ -95,6 +97,11 @@ class SceneKeys:
         camera: preset of the endoscope's camera; default: the rig's
         grasp, dynamics: as in the rig's file; default: the rig's
         generation: Si: arms of an Si in place of the rig's, with the same ports, tips and tools
+        errors: of the robots, "perfect", "lab" or "wide"; default: the rig's
+        randomise: worlds are drawn anew at each reset: "none", "lab", "wide", or the path of a
+            TOML file; its robot errors are those of the scene then
+        tips: tips in observations are those that the "robot" measures, or corrected by images of a
+            "camera"
     """
 
     name: str = field(metadata=key())
@@ -111,6 +118,9 @@ class SceneKeys:
     grasp: GraspKind | None = field(default=None, metadata=key())
     dynamics: DynamicsKind | None = field(default=None, metadata=key())
     generation: Generation | None = field(default=None, metadata=key())
+    errors: str = field(default="", metadata=key())
+    randomise: str = field(default="", metadata=key())
+    tips: TipSource = field(default="robot", metadata=key())
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,6 +140,8 @@ class Scene:
         generation: "Si" of a scene whose arms are to be replaced (`on_si`), "" as the rig has them
         look: settings of `trocar.rendering.Look` for the images that the task looks at, by name;
             others are as the task has them
+        randomisation: spreads by which each reset draws the world
+        tips: source of the tips in observations
     """
 
     name: str
@@ -147,6 +159,46 @@ class Scene:
     welded: tuple[str, ...] = ()
     look: Mapping[str, Any] = field(default_factory=dict[str, Any])
     generation: str = ""
+    randomisation: Randomisation = field(default_factory=Randomisation)
+    tips: TipSource = "robot"
+
+    def with_errors(self, errors: str) -> Scene:
+        """Return this scene with robots that have errors of a preset: "perfect", "lab" or "wide".
+
+        No arm is welded then, as the encoders of those that stand still have errors as well.
+
+        Raises:
+            UnknownNameError: no such preset; the known ones are listed
+        """
+        found = robot_errors(errors)
+        welded = self.welded if found is None else ()
+        return replace(self, rig=replace(self.rig, errors=found), welded=welded)
+
+    def randomised(
+        self, randomisation: Randomisation | str | Path, tips: TipSource = "robot"
+    ) -> Scene:
+        """Return this scene with worlds that each reset draws anew.
+
+        Success is judged by true poses; observations have tips and objects as the robots and
+        cameras report them.
+
+        Args:
+            randomisation: spreads, a preset ("none", "lab", "wide"), or the path of a TOML file
+            tips: "robot": by encoders and registration; "camera": corrected by images of the tips
+
+        Raises:
+            UnknownNameError, DescriptionError: as `read_randomisation`
+            InputError: other tips
+        """
+        if tips not in get_args(TipSource):
+            raise InputError(f"tips: got {tips!r}; allowed: {', '.join(get_args(TipSource))}")
+        spreads = (
+            randomisation
+            if isinstance(randomisation, Randomisation)
+            else read_randomisation(randomisation)
+        )
+        found = self.with_errors(spreads.errors) if spreads.errors else self
+        return replace(found, randomisation=spreads, tips=tips)
 
     def placed(self, rng: np.random.Generator) -> dict[str, Array]:
         """Draw where its objects begin, {object: T_world_object (4, 4)}.
@@ -220,7 +272,7 @@ def read_scene(table: Table, load_rig: Callable[[str | Path], RigDescription]) -
     table.done()
     # Arms without motors have no reading errors, so none is welded in a rig with errors.
     idle = {*known} - {*keys.arms}
-    return Scene(
+    scene = Scene(
         name=keys.name,
         title=keys.title,
         source=keys.source,
@@ -236,6 +288,15 @@ def read_scene(table: Table, load_rig: Callable[[str | Path], RigDescription]) -
         generation=keys.generation or "",
         welded=() if rig.errors else tuple(a.name for a in rig.arms if a.name in idle),
     )
+    try:
+        scene = scene.with_errors(keys.errors) if keys.errors else scene
+    except UnknownNameError as problem:
+        raise table.fail("errors", str(problem)) from problem
+    spreads = beside / keys.randomise if keys.randomise.endswith(".toml") else keys.randomise
+    try:
+        return scene.randomised(spreads or NONE, keys.tips)
+    except UnknownNameError as problem:
+        raise table.fail("randomise", str(problem)) from problem
 
 
 def _without(table: Table, keys: SceneKeys, rig: RigDescription) -> RigDescription:

@@ -84,7 +84,9 @@ class SceneCamera:
         self._calibration = calibration.resized(width, height)
         stops = _exposure(task, name, self._calibration)
         self._eyes = eyes
-        look = Look(shadows=False, exposure=stops)
+        self._drawn = task.randomised
+        look = Look(shadows=False, exposure=stops, noise=task.scene.randomisation.colour_noise)
+        self._stops = stops
         layers = Channels(depth="depth" in channels, ids="ids" in channels)
         self._renderer = _renderer(task.world, look, layers)
         of_eye = [n for one in channels for n in (COLOURS if one == "rgb" else (one,))]
@@ -97,7 +99,10 @@ class SceneCamera:
         """Return the image of the world as it is now, (height, width, channels)."""
         snapshot = self._world.snapshot(arms=False)
         record = self._world.cameras()[self._camera].seeing(self._calibration)
-        frame = self._renderer.render(snapshot, {record.name: record}, record.name)
+        stops = self._stops
+        if self._drawn is not None:
+            record, stops = self._drawn.seen_from(record), stops + self._drawn.stops
+        frame = self._renderer.render(snapshot, {record.name: record}, record.name, stops=stops)
         parts: list[Picture] = []
         for eye, picture in enumerate(frame.eyes[: self._eyes]):
             for one in self._channels:

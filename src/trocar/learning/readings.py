@@ -54,14 +54,17 @@ class SceneReadings:
 
 
 def read_task(task: Task) -> SceneReadings:
-    """Return the readings of a task, as those of one world."""
+    """Return the readings of a task, as those of one world.
+
+    Tips and objects are as robots and cameras report them, whether goals are met is the truth.
+    """
     world, referee, controller = task.world, task.referee, task.controller
-    states, hidden = referee.states, task.scene.hidden
+    states, hidden = task.observed, task.scene.hidden
     rows = {name: row for row, name in enumerate(states.names)}
     psms = [name for name in task.arms if world.arms[name].description.type == "PSM"]
     joints = {name: world.arms[name].joints for name in task.arms}
     poses = referee.seen()[1]
-    tips = {name: poses[name].copy() for name in psms}
+    tips = {name: controller.registered(name, poses[name].copy()) for name in psms}
     measured = {name: of.readings()[:2] for name, of in joints.items()}
     goals: list[Array] = []
     achieved: list[Array] = []
@@ -69,13 +72,13 @@ def read_task(task: Task) -> SceneReadings:
     for goal, at in task.goals:
         if goal.on in hidden:
             continue
-        place = referee.place(goal, at)
+        place = task.place_seen(goal, at)
         if goal.arm and not goal.held:
             if goal.object:
-                place = place + referee.position(goal.object)
+                place = place + states.positions[rows[goal.object]]
             found = tips[goal.arm][:3, 3] if goal.arm in tips else _tip(task, goal.arm)
         else:
-            found = referee.position(goal.object)
+            found = states.positions[rows[goal.object]]
         goals.append(place)
         achieved.append(found)
         met.append(task.met(goal, at))

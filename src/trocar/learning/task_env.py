@@ -11,6 +11,8 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from trocar.descriptions.catalogue import load_scene
+from trocar.descriptions.randomisation import NONE, TipSource
 from trocar.descriptions.scenes import Scene
 from trocar.errors import InputError, UnknownNameError
 from trocar.geometry.rotations import matrix_from_quaternion
@@ -55,6 +57,8 @@ class TaskEnv:
             "task"
         max_steps: actions of an episode; default: those of the scene's time limit
         image_size, channels, eyes: of images, see `SceneCamera`
+        randomise, tips: worlds that each reset draws anew, see `Scene.randomised`; default: as the
+            scene has them
 
     Attributes:
         task: that is driven
@@ -81,7 +85,19 @@ class TaskEnv:
         image_size: int | Sequence[int] = EDGE,
         channels: Sequence[str] = ("rgb",),
         eyes: int = 1,
+        randomise: str | Path = "",
+        tips: TipSource = "robot",
     ) -> None:
+        named = str(scene) if isinstance(scene, str | Path) else ""
+        drawn = bool(randomise) or tips != "robot"
+        if drawn and isinstance(scene, Task):
+            raise InputError(
+                f"{scene.scene.name}: randomise, tips: got a task; allowed: a scene, or the task of"
+                " one by `Scene.randomised`"
+            )
+        if drawn and not isinstance(scene, Task):
+            known = scene if isinstance(scene, Scene) else load_scene(scene)
+            scene = known.randomised(randomise or NONE, tips)
         self.task = task = scene if isinstance(scene, Task) else make_task(scene)
         label = task.scene.name
         if obs not in OBSERVATIONS:
@@ -100,7 +116,7 @@ class TaskEnv:
         self._reward = GoalReward(task, reward)
         self._obs, self._most, self._costly = obs, steps, reward != "task"
         self.settings: dict[str, Any] = {
-            "scene": str(scene) if isinstance(scene, str | Path) else task.scene.name,
+            "scene": named or task.scene.name,
             "obs": obs,
             "action": action,
             "action_period": self.actions.action_period,
@@ -113,6 +129,8 @@ class TaskEnv:
             height, width, _ = self.camera.shape
             layers = [channels] if isinstance(channels, str) else list(channels)
             self.settings |= {"image_size": [width, height], "channels": layers, "eyes": eyes}
+        if drawn:
+            self.settings |= {"randomise": str(randomise or NONE), "tips": tips}
         self._seeds = np.random.default_rng()
         self._begin()
 

@@ -211,15 +211,22 @@ def extend(spec: mujoco.MjSpec, path: str) -> None:
         part.name = part.name or f"extension/{part.id}"
 
 
-def run_script(path: str, name: str) -> Any:
+def run_script(path: str, name: str, content: bytes | None = None) -> Any:
     """Run a Python file and return its function of a name.
+
+    Args:
+        path: of the file
+        name: of the function
+        content: of the file, where it was read before
 
     Raises:
         DescriptionError: it cannot be read, raises, or has no such function
     """
     try:
-        with open(path, "rb") as file:
-            code = compile(file.read(), path, "exec")
+        if content is None:
+            with open(path, "rb") as file:
+                content = file.read()
+        code = compile(content, path, "exec")
         names: dict[str, Any] = {"__name__": name, "__file__": path}
         exec(code, names)
     except SyntaxError as problem:

@@ -1,4 +1,7 @@
-"""Joint states and images of any bag: rosbag 1, rosbag 2 and MCAP, as streams of messages."""
+"""Joint states, poses and images of any bag: rosbag 1, rosbag 2 and MCAP, as streams of messages.
+
+Joint states are written as MCAP.
+"""
 
 from __future__ import annotations
 
@@ -14,11 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from trocar import __version__
 from trocar.errors import LogError, MissingExtraError
+from trocar.messages import cdr_encode, message_type
+from trocar.outputs import whole_file
 from trocar.recording import mcap_messages, mcap_topics
-from trocar.recording.mcap_file import JOINT_STATE
+from trocar.recording.mcap_file import JOINT_STATE, NANOSECONDS, mcap_library
 
 FORMATS = "rosbag 1 (.bag), rosbag 2, MCAP"
+POSES = ("geometry_msgs/msg/PoseStamped",)
 IMAGES = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 #: Channels of image encodings, as (red, green, blue).
 ENCODINGS = {"rgb8": (0, 1, 2), "bgr8": (2, 1, 0), "rgba8": (0, 1, 2), "bgra8": (2, 1, 0)}
@@ -39,6 +46,32 @@ class JointMessage(NamedTuple):
     fields: Mapping[str, Any]
 
 
+class PoseMessage(NamedTuple):
+    """A pose: topic without a leading slash, time of logging [s], frame, and (7,).
+
+    The seven numbers are the position [m] and the quaternion wxyz.
+    """
+
+    topic: str
+    time: float
+    frame: str
+    pose: NDArray[np.float64]
+
+
+class JointSamples(NamedTuple):
+    """Joint states over time.
+
+    Attributes:
+        names: of the joints
+        times: ascending, (k,) [s]
+        positions: (k, n) [rad or m]
+    """
+
+    names: tuple[str, ...]
+    times: NDArray[np.float64]
+    positions: NDArray[np.float64]
+
+
 class ImageMessage(NamedTuple):
     """An image: topic without a leading slash, stamp [s], (h, w, 3) red, green, blue."""
 
@@ -54,12 +87,14 @@ class Bag(NamedTuple):
         file: its path, as given
         topics: {topic without a leading slash: type "sensor_msgs/msg/JointState"}
         messages: reads joint states of some topics, in the order of their times
+        poses: reads poses of some topics, in the order of their times
         images: reads raw or compressed images of some topics, in the order of their times
     """
 
     file: str
     topics: Mapping[str, str]
     messages: Callable[[Collection[str]], Iterator[JointMessage]]
+    poses: Callable[[Collection[str]], Iterator[PoseMessage]]
     images: Callable[[Collection[str]], Iterator[ImageMessage]]
 
 
@@ -108,12 +143,51 @@ def open_bag(path: str | Path) -> Bag:
         with _rosbags(file):
             yield from _joints(packed(wanted, (JOINT_STATE,)))
 
+    def poses(wanted: Collection[str]) -> Iterator[PoseMessage]:
+        with _rosbags(file):
+            for topic, logged, message in _decoded(packed(wanted, POSES)):
+                yield PoseMessage(topic, logged, message.header.frame_id, _pose(message.pose))
+
     def images(wanted: Collection[str]) -> Iterator[ImageMessage]:
         with _rosbags(file):
             for topic, logged, message in _decoded(packed(wanted, IMAGES)):
                 yield ImageMessage(topic, _stamp(message, logged), _image(message, topic, file))
 
-    return Bag(file, topics, messages, images)
+    return Bag(file, topics, messages, poses, images)
+
+
+def write_joint_states(
+    path: str | Path, streams: Mapping[str, JointSamples], overwrite: bool = False
+) -> None:
+    """Write joint states as an MCAP file, in messages of ROS 2.
+
+    Args:
+        path: of the file
+        streams: {topic: its joint states}
+        overwrite: an existing file is replaced
+
+    Raises:
+        InputError: the file exists or cannot be written
+        MissingExtraError: the library for MCAP is not installed
+    """
+    library = mcap_library("writing a recording")
+    with whole_file(path, overwrite) as part, part.open("wb") as stream:
+        writer: Any = library.writer.Writer(stream)
+        writer.start("ros2", f"trocar {__version__}")
+        text = message_type(JOINT_STATE).text_ros2.encode()
+        schema = writer.register_schema(JOINT_STATE, "ros2msg", text)
+        channels = {topic: writer.register_channel(topic, "cdr", schema) for topic in streams}
+        messages = [
+            (round(float(time) * NANOSECONDS), channels[topic], samples.names, position)
+            for topic, samples in streams.items()
+            for time, position in zip(samples.times, samples.positions, strict=True)
+        ]
+        empty = {"velocity": np.zeros(0), "effort": np.zeros(0)}
+        for stamp, channel, names, position in sorted(messages, key=lambda one: one[:2]):
+            header = {"stamp": divmod(stamp, NANOSECONDS), "frame_id": ""}
+            message = {"header": header, "name": names, "position": position, **empty}
+            writer.add_message(channel, stamp, cdr_encode(JOINT_STATE, message), stamp)
+        writer.finish()
 
 
 def _type(name: str) -> str:
@@ -228,6 +302,11 @@ def _joints(packed: Iterable[Packed]) -> Iterator[JointMessage]:
             "effort": message.effort,
         }
         yield JointMessage(topic, logged, fields)
+
+
+def _pose(pose: Any) -> NDArray[np.float64]:
+    at, q = pose.position, pose.orientation
+    return np.array([at.x, at.y, at.z, q.w, q.x, q.y, q.z])
 
 
 def _image(message: Any, topic: str, file: str) -> NDArray[np.uint8]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+import subprocess
+import tempfile
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from trocar.errors import InputError, MissingExtraError, TrocarError
+from trocar.errors import InputError, LogError, MissingExtraError, TrocarError
 from trocar.outputs import whole_file
 from trocar.rendering.frames import picture
 from trocar.simulation.trials import TICK_S, paper_sine
@@ -151,6 +153,7 @@ def video(
     *,
     overwrite: bool = False,
     quality: float = QUALITY,
+    keyframes: int = 0,
 ) -> Generator[Callable[[NDArray[np.uint8]], None]]:
     """Yield a function that appends a picture (h, w, 3) to a video, until the block ends.
 
@@ -160,18 +163,15 @@ def video(
         rate_hz: pictures a second
         overwrite: replace a file that exists
         quality: from 1 to 10
+        keyframes: pictures from one that is stored whole to the next; 0: as the encoder has it
 
     Raises:
         MissingExtraError: the extra `video` is not installed
         InputError: the path exists or cannot be written
         TrocarError: ffmpeg failed, as on a full disk
     """
-    try:
-        import imageio_ffmpeg  # pyright: ignore[reportMissingTypeStubs] - it has no types
-    except ImportError as error:
-        raise MissingExtraError("imageio-ffmpeg", "video", "writing videos") from error
+    library = _library("writing videos")
     width, height = (side // 2 * 2 for side in size)  # H.264 keeps colours for two pixels at once
-    library: Any = imageio_ffmpeg  # its rates may be fractions, whatever its annotations say
     count = 0
     with whole_file(path, overwrite) as part:
         writer = library.write_frames(
@@ -181,6 +181,7 @@ def video(
             quality=quality,
             macro_block_size=2,
             ffmpeg_log_level="error",
+            output_params=["-g", str(keyframes)] if keyframes else [],
         )
         writer.send(None)
 
@@ -199,6 +200,75 @@ def video(
             raise _incomplete(path, count) from problem
         if written != count:
             raise _incomplete(path, count)
+
+
+def join_videos(parts: Sequence[Path], path: Path) -> None:
+    """Write videos of one size, rate and encoder after each other into one, as they are.
+
+    Raises:
+        MissingExtraError: the extra `video` is not installed
+        InputError: the path exists or cannot be written
+        TrocarError: ffmpeg failed
+    """
+    program = _library("writing videos").get_ffmpeg_exe()
+    with tempfile.TemporaryDirectory(prefix="trocar-") as folder, whole_file(path) as part:
+        # A list, since a command line has no room for thousands of files.
+        entries = Path(folder) / "parts.txt"
+        names = (str(one.resolve()).replace("'", "'\\''") for one in parts)
+        entries.write_text("".join(f"file '{name}'\n" for name in names), encoding="utf-8")
+        command = [program, "-v", "error", "-y", "-f", "concat", "-safe", "0", "-i", str(entries)]
+        done = subprocess.run(
+            [*command, "-c", "copy", "-f", "mp4", str(part)], capture_output=True, check=False
+        )
+        if done.returncode:
+            problem = done.stderr.decode(errors="replace").strip()
+            raise TrocarError(f"{path}: ffmpeg failed: {problem}")
+
+
+def read_video(path: Path, start_s: float = 0.0) -> Iterator[NDArray[np.uint8]]:
+    """Yield the pictures of a video, (h, w, 3) each.
+
+    Args:
+        path: of the file
+        start_s: pictures before this time are left out [s]
+
+    Raises:
+        MissingExtraError: the extra `video` is not installed
+        LogError: no video, or a damaged one
+    """
+    program = _library("reading videos").get_ffmpeg_exe()
+    from_there = ["-ss", f"{start_s:.6f}"] if start_s > 0.0 else []
+    form = ["-fps_mode", "passthrough", "-f", "image2pipe", "-vcodec", "ppm", "-"]
+    command = [program, "-v", "error", "-xerror", *from_there, "-i", str(path), *form]
+    with (
+        tempfile.TemporaryFile() as problems,
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=problems) as process,
+    ):
+        stream = process.stdout
+        try:
+            while stream is not None and stream.readline():
+                width, height = map(int, stream.readline().split())
+                stream.readline()
+                data = stream.read(3 * width * height)
+                yield np.frombuffer(data, np.uint8).reshape(height, width, 3)
+            status = process.wait()
+        except ValueError:  # a picture that breaks off
+            status = -1
+        finally:
+            process.kill()
+        if status:
+            problems.seek(0)
+            text = " ".join(problems.read().decode(errors="replace").split())[-200:]
+            raise LogError(str(path), f"cannot be read as a video: {text or 'it breaks off'}")
+
+
+def _library(purpose: str) -> Any:
+    """Import imageio-ffmpeg, whose annotations forbid rates that it takes."""
+    try:
+        import imageio_ffmpeg  # pyright: ignore[reportMissingTypeStubs] - it has no types
+    except ImportError as error:
+        raise MissingExtraError("imageio-ffmpeg", "video", purpose) from error
+    return imageio_ffmpeg
 
 
 def _incomplete(path: Path, count: int) -> TrocarError:

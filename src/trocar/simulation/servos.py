@@ -288,6 +288,21 @@ class Servos:
             bit = group if self.locked[rows].all() else 0
             model.opt.disableactuator = model.opt.disableactuator & ~group | bit
 
+    @property
+    def friction(self) -> tuple[Array, Array]:
+        """Dry and viscous friction of the degrees of freedom without brakes, copies, (nv,)."""
+        return self._dry.copy(), self._viscous.copy()
+
+    def set_friction(self, dry: Array, viscous: Array) -> None:
+        """Set the friction of the degrees of freedom that no brake holds; `apply` writes it.
+
+        Args:
+            dry: (nv,) [N m or N]
+            viscous: (nv,) [N m s/rad or N s/m]
+        """
+        self._dry, self._viscous = dry, viscous
+        self._written = ()
+
     def restore(self) -> None:
         """Reset to the table's values; set-points and the model are left to the caller."""
         table = self.table

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.errors import InputError, SingularError, UnreachableError
 from trocar.geometry.rotations import matrix_from_rotation_vector
-from trocar.geometry.se3 import inverse
+from trocar.geometry.se3 import inverse, translation
 from trocar.simulation import World
 from trocar.simulation.arm import Arm
 
@@ -80,6 +80,10 @@ class TipController:
         limits: least and largest values of an action, (n,) each
         stalled: time for which each arm stayed though an action moves it, {arm: time} [s]
         stalls: why an arm stays now, {arm: reason}
+        bases: pose of the world as a PSM's kinematics report it in the world of actions and
+            observations, {arm: (4, 4)}, by the robots' errors of registration; without an entry the
+            two are one
+        registration: the same, corrected by images of the tips, see `correct`
     """
 
     def __init__(self, world: World, arms: Sequence[str], label: str) -> None:
@@ -113,9 +117,12 @@ class TipController:
         self._targets: dict[str, Array] = {}
         self.stalled: dict[str, float] = {}
         self.stalls: dict[str, str] = {}
+        self.bases: dict[str, Array] = {}
+        self.registration: dict[str, Array] = {}
 
     def begin(self) -> None:
         """Hold the arms where they are, with nothing counted."""
+        self.register()
         for name, driven in self._driven.items():
             self._joints[name] = driven.arm.joints.setpoints()
             if driven.arm.description.type == "PSM":
@@ -174,11 +181,34 @@ class TipController:
             if jaw is not None:
                 jaw.servo_jp(q[own:], v[own:])
 
+    def register(self) -> None:
+        """Set `bases`: a reset draws errors of the camera's reported pose, which PSMs stand in."""
+        errors = self.world.servos.errors
+        self.bases.clear()
+        self.registration.clear()
+        if errors is None or not errors.registration:
+            return
+        scopes = [one for one in self.world.cameras().values() if one.kind == "endoscope"]
+        T = scopes[0].T_world_camera if scopes else np.eye(4)
+        for arm, reported in errors.registration.items():
+            if arm in self._driven:
+                self.bases[arm] = self.registration[arm] = T @ reported @ inverse(T)
+
+    def correct(self, arm: str, way: Array) -> None:
+        """Move a PSM's measured tip and set-point by a way, (3,) [m], until the next reset."""
+        base = self.bases.get(arm)
+        moved = translation(way)
+        self.registration[arm] = moved if base is None else moved @ base
+
     # ------------------------------------------------------------------ looking
+
+    def tip(self, arm: str) -> Array:
+        """Return the measured pose of a tip in the world, (4, 4)."""
+        return self.registered(arm, self.world.arms[arm].measured_cp("world").matrix)
 
     def target(self, arm: str) -> Array:
         """Return the set-point of a PSM's tip in the world, (4, 4)."""
-        return self._targets[arm].copy()
+        return self.registered(arm, self._targets[arm].copy())
 
     def farthest(self, arm: str, T: Array) -> float:
         """Return the largest change of a joint from its set-point to a pose of the tip.
@@ -243,8 +273,9 @@ class TipController:
             twist: of the tip, (6,)
         """
         joints, reason, now = driven.arm.description.joints, "", q.tolist()
+        T = self.registration.get(name)
         for _ in range(2):
-            goal = self._targets[name].copy()
+            goal = self._targets[name].copy() if T is None else T @ self._targets[name]
             goal[:3, 3] += twist[:3] * PERIOD_S
             if np.count_nonzero(twist[3:]):
                 turn = matrix_from_rotation_vector(twist[3:] * PERIOD_S)
@@ -269,12 +300,20 @@ class TipController:
         ):
             if (lead := abs(there - here)) > most and lead > abs(now[k] - here):
                 return f"{joints[k].name} is held back"
-        self._targets[name], q[:-1] = goal, after
+        self._targets[name], q[:-1] = goal if T is None else inverse(T) @ goal, after
         return ""
+
+    def registered(self, arm: str, tip: Array) -> Array:
+        """Return a measured pose of a tip as this world's actions and observations have it."""
+        T = self.registration.get(arm)
+        return tip if T is None else T @ tip
 
     def _inverse(self, driven: _Driven, T: Array, near: Array) -> Array:
         """Return the joint positions nearest to others, with the tip at a pose in the world."""
         own = driven.T_arm_world
         if own is None:
             own = inverse(self.world.reference_pose(driven.arm.name))
+        registration = self.registration.get(driven.arm.name)
+        if registration is not None:
+            own = own @ inverse(registration)
         return driven.arm.runtime.tip.local_inverse_kinematics(own @ T, near[:-1])

@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
-from typing import Any, cast
+from typing import Any, Generic, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +23,10 @@ from trocar.tasks.task import Episode, Task
 Array = NDArray[np.float64]
 #: Returns an action from an observation.
 Policy = Callable[[dict[str, Array]], ArrayLike]
+#: Returns the actions of an episode from its task, after the reset, one every 20 ms; to run on
+#: workers, it can be pickled.
+Script = Callable[[Task], Iterator[Array]]
+Result = TypeVar("Result")
 
 #: Time within which an own policy must return an action. Source: our own choice. [s]
 PATIENCE_S = 10.0
@@ -32,11 +36,17 @@ EARLY_S = 1e-6
 ATTEMPTS = 3
 
 
+def scripted(task: Task) -> Iterator[Array]:
+    """Return the actions of a task's own policy: the `Script` of each scene that has one."""
+    return task.policy()
+
+
 def run_episode(
     task: Task,
     seed: int,
     policy: Policy | None = None,
     *,
+    script: Script = scripted,
     duration_s: float = float("inf"),
     watch: Callable[[float], None] = lambda _: None,
 ) -> Episode:
@@ -45,8 +55,8 @@ def run_episode(
     Args:
         task: reset first
         seed: of the episode
-        policy: returns an action from an observation; None: the scripted policy of the task, after
-            whose end the arms stay where they are
+        policy: returns an action from an observation; None: `script` drives
+        script: returns the actions of the episode, after whose end the arms stay where they are
         duration_s: simulated time after which the episode is stopped, `reason` "running" [s]
         watch: called with the time of the episode after each action [s]
 
@@ -55,10 +65,10 @@ def run_episode(
         DivergedError: the simulation diverged
     """
     seen = task.reset(seed)
-    script = task.policy() if policy is None else iter(())
+    actions = script(task) if policy is None else iter(())
     while not task.done and task.time < duration_s - EARLY_S:
         if policy is None:
-            action: ArrayLike | None = next(script, None)
+            action: ArrayLike | None = next(actions, None)
             action = task.stay() if action is None else action
         else:
             begin = time.perf_counter()
@@ -81,13 +91,14 @@ def play(
     workers: int = 1,
     cluster: str = "",
     *,
+    script: Script = scripted,
     duration_s: float = float("inf"),
     watch: Callable[[float], None] = lambda _: None,
 ) -> Iterator[Episode]:
-    """Yield the scripted episodes of seeds in their order, as each is known.
+    """Yield the episodes of seeds in their order, as each is known.
 
-    Each follows from scene and seed alone, wherever it runs. The episode of a worker that dies is
-    run again; no other is.
+    Each follows from scene, seed and script alone, wherever it runs. The episode of a worker that
+    dies is run again; no other is.
 
     Args:
         scene: a scene, its name, or the path of its file
@@ -95,6 +106,7 @@ def play(
         workers: processes; 1: this one
         cluster: address of a Ray cluster that has trocar installed, "local" for one of `workers`
             processes on this machine; "" for none
+        script: returns the actions of an episode
         duration_s: simulated time after which an episode is stopped [s]
         watch: called with the time of the episode that runs in this process [s]
 
@@ -102,17 +114,41 @@ def play(
         InputError: no such scene, workers below 1, no such cluster
         TrocarError: what an episode raised, or its worker died three times
     """
+    if workers == 1 and not cluster:
+        task = make_task(scene)
+        for seed in seeds:
+            yield run_episode(task, seed, script=script, duration_s=duration_s, watch=watch)
+        return
+    label = scene if isinstance(scene, str) else scene.name
+    run = functools.partial(_episode, scene, script, duration_s=duration_s)
+    yield from each_seed(run, seeds, label, workers, cluster)
+
+
+def each_seed(
+    run: Callable[[int], Result],
+    seeds: Sequence[int],
+    label: str,
+    workers: int = 1,
+    cluster: str = "",
+) -> Iterator[Result]:
+    """Yield the results of seeds in their order, computed in processes, as each is known.
+
+    Args:
+        run: returns the result of a seed; it and its results can be pickled
+        seeds: of the episodes
+        label: of error messages
+        workers, cluster: as for `play`
+
+    Raises:
+        InputError: workers below 1, no such cluster
+        TrocarError: what a run raised, or its worker died three times
+    """
     if workers < 1:
         raise InputError(f"workers: got {workers}; allowed: 1 or more")
     if cluster:
-        yield from _on_cluster(scene, seeds, cluster, workers, duration_s)
+        yield from _on_cluster(run, seeds, label, cluster, workers)
         return
-    if workers == 1:
-        task = make_task(scene)
-        for seed in seeds:
-            yield run_episode(task, seed, duration_s=duration_s, watch=watch)
-        return
-    pool = _Pool(scene, list(seeds), min(workers, len(seeds)), duration_s)
+    pool = _Pool(run, list(seeds), label, min(workers, len(seeds)))
     try:
         yield from pool.results()
     finally:
@@ -120,9 +156,9 @@ def play(
 
 
 def _on_cluster(
-    scene: Scene | str, seeds: Sequence[int], address: str, workers: int, duration_s: float
-) -> Iterator[Episode]:
-    """Yield the episodes of seeds, run by a Ray cluster."""
+    run: Callable[[int], Result], seeds: Sequence[int], label: str, address: str, workers: int
+) -> Iterator[Result]:
+    """Yield the results of seeds, computed by a Ray cluster."""
     try:
         import ray as installed  # pyright: ignore[reportMissingImports]
     except ImportError:
@@ -139,8 +175,9 @@ def _on_cluster(
         allowed = "HOST:PORT of a Ray cluster, or local"
         raise InputError(f"--cluster: got {address!r}: {problem}; allowed: {allowed}") from None
     try:
-        run = ray.remote(_episode).options(max_retries=ATTEMPTS - 1)
-        answers = [run.remote(scene, seed, duration_s) for seed in seeds]
+        remote = ray.remote(_run).options(max_retries=ATTEMPTS - 1)
+        shared = ray.put(run)
+        answers = [remote.remote(shared, seed) for seed in seeds]
         for seed, due in zip(seeds, answers, strict=True):
             try:
                 yield ray.get(due)
@@ -148,18 +185,22 @@ def _on_cluster(
                 raise TrocarError(str(problem.cause)) from None
             except ray.exceptions.RayError as problem:
                 raise TrocarError(
-                    f"{scene}: seed {seed}: the worker died {ATTEMPTS} times: {problem}"
+                    f"{label}: seed {seed}: the worker died {ATTEMPTS} times: {problem}"
                 ) from None
     finally:
         ray.shutdown()
 
 
-def _episode(scene: Scene | str, seed: int, duration_s: float) -> Episode:
+def _episode(scene: Scene | str, script: Script, seed: int, duration_s: float) -> Episode:
     """Run an episode in a process that has perhaps run others of the scene before."""
-    return run_episode(_task(scene), seed, duration_s=duration_s)
+    return run_episode(_task(scene), seed, script=script, duration_s=duration_s)
 
 
 _task = functools.cache(make_task)
+
+
+def _run(run: Callable[[int], Result], seed: int) -> Result:
+    return run(seed)
 
 
 @dataclass
@@ -170,20 +211,20 @@ class _Worker:
 
 
 @dataclass
-class _Pool:
+class _Pool(Generic[Result]):
     """Processes that each run one episode at a time."""
 
-    scene: Scene | str
+    run: Callable[[int], Result]
     seeds: list[int]
+    label: str
     count: int
-    duration_s: float
     workers: list[_Worker] = field(default_factory=list[_Worker])
 
-    def results(self) -> Iterator[Episode]:
-        """Yield the episodes in the order of the seeds."""
+    def results(self) -> Iterator[Result]:
+        """Yield the results in the order of the seeds."""
         waiting = list(range(len(self.seeds)))[::-1]
         begun = [0] * len(self.seeds)
-        found: dict[int, Episode] = {}
+        found: dict[int, Result] = {}
         due = 0
         while due < len(self.seeds):
             self._assign(waiting, begun)
@@ -219,16 +260,14 @@ class _Pool:
             return None
         context = multiprocessing.get_context("spawn")
         here, there = context.Pipe()
-        process = context.Process(
-            target=_work, args=(self.scene, there, self.duration_s), daemon=True
-        )
+        process = context.Process(target=_work, args=(self.run, there), daemon=True)
         process.start()
         there.close()
         self.workers.append(_Worker(process, here))
         return self.workers[-1]
 
     def _receive(
-        self, worker: _Worker, waiting: list[int], begun: list[int], found: dict[int, Episode]
+        self, worker: _Worker, waiting: list[int], begun: list[int], found: dict[int, Result]
     ) -> None:
         """Take a worker's result; replace a worker that died and run its episode again."""
         index = worker.index or 0
@@ -239,9 +278,8 @@ class _Pool:
             worker.connection.close()
             worker.process.join()
             if begun[index] == ATTEMPTS:
-                name = self.scene if isinstance(self.scene, str) else self.scene.name
                 raise TrocarError(
-                    f"{name}: seed {self.seeds[index]}: the worker died {ATTEMPTS} times, the"
+                    f"{self.label}: seed {self.seeds[index]}: the worker died {ATTEMPTS} times, the"
                     f" last time with exit code {worker.process.exitcode}"
                 ) from None
             waiting.append(index)
@@ -252,11 +290,11 @@ class _Pool:
         found[index] = answer
 
 
-def _work(scene: Scene | str, connection: Connection[Any, Any], duration_s: float) -> None:
+def _work(run: Callable[[int], object], connection: Connection[Any, Any]) -> None:
     """Run episodes as their seeds arrive, in a process of its own."""
     try:
         while True:
-            connection.send(_episode(scene, connection.recv(), duration_s))
+            connection.send(run(connection.recv()))
     except (EOFError, KeyboardInterrupt):
         return
     except TrocarError as problem:

@@ -56,7 +56,7 @@ class Referee:
         remarks: of the policy, about what it could not do; they stand in the reason
         time: of the last reading [s]
         states: of all objects, then
-        tips: poses of the driven arms' tips in the world, then, {arm: (4, 4)}
+        tips: true poses of the driven arms' tips in the world, then, {arm: (4, 4)}
         held: objects that both fingers press, then, {arm: object}
         distance: length of each tip's path, {arm: length} [m]
         force: largest net force of contacts on each arm, {arm: force} [N]
@@ -179,7 +179,7 @@ class Referee:
         if goal.arm and not goal.held:
             tip = self.tips.get(goal.arm)
             if tip is None:
-                tip = self._world.arms[goal.arm].measured_cp("world").matrix
+                tip = self._true_tip(goal.arm)
             off = tip[:3, 3] - at
             if goal.object:
                 off -= self.states.positions[self._rows[goal.object]]
@@ -206,11 +206,14 @@ class Referee:
         return T[:3, :3] @ at + T[:3, 3]
 
     def seen(self) -> tuple[ObjectStates, Mapping[str, Array]]:
-        """Return objects and poses of the driven arms' tips now: read again if anything moved."""
+        """Return objects and measured poses of the driven arms' tips now.
+
+        They are read again if anything moved.
+        """
         world = self._world
-        if self._read_at == (world.periods, world.journal.revision):
-            return self.states, self.tips
-        return world.object_states(), self._read_tips()
+        if self._read_at != (world.periods, world.journal.revision):
+            return world.object_states(), self._measured_tips()
+        return self.states, self.tips if world.errors is None else self._measured_tips()
 
     def position(self, name: str) -> Array:
         """Return an object's position, as of the last reading, (3,) [m]."""
@@ -224,12 +227,24 @@ class Referee:
     # ------------------------------------------------------------------ inside
 
     def _read_tips(self) -> dict[str, Array]:
+        """Return the true tips of the driven arms in the world now, {arm: (4, 4)}."""
+        if self._world.errors is not None:
+            return {name: self._true_tip(name) for name in self._arms}
+        return self._measured_tips()
+
+    def _measured_tips(self) -> dict[str, Array]:
         """Return the measured tips of the driven arms in the world now, {arm: (4, 4)}."""
         arms, frames = self._arms, self._world.frames
         for name in arms:
             if not frames.follows(name):
                 return {name: arm.measured_cp("world").matrix for name, arm in arms.items()}
         return frames.tip_poses(arms)
+
+    def _true_tip(self, arm: str) -> Array:
+        """Return the true pose of a tip in the world, whatever its encoders report, (4, 4)."""
+        if self._world.errors is None:
+            return self._world.arms[arm].measured_cp("world").matrix
+        return self._world.true_state(arm).world
 
     def _count_drops(self, before: set[str], now: set[str]) -> None:
         """Count objects that fell since a jaw released them."""

@@ -1,9 +1,10 @@
-"""A task in a running loop: its count and its scripted policy, on a topic and in the viewer."""
+"""A task in a running loop: its count and its policy, on a topic and in the viewer."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from trocar.live.state import Elapsed
 from trocar.ros import Component, Core
 from trocar.ros.topic import STRING, Topic, served
 from trocar.tasks.controller import EVERY, PERIOD_S, Row
+from trocar.tasks.play import Script
 from trocar.tasks.task import Task
 
 Array = NDArray[np.float64]
@@ -37,7 +39,7 @@ ROW = Topic(
 
 
 class ServedTask:
-    """Runs an episode in a loop: counts, and drives by the scripted policy if it is to.
+    """Runs an episode in a loop: counts, and drives by a script if it has one.
 
     The policy's motion is that of an episode without a loop, to the last bit. When the world
     is reset, the episode begins anew.
@@ -45,14 +47,18 @@ class ServedTask:
     Args:
         task: whose world the loop steps; reset here
         seed: of the episode
-        scripted: whether the policy of the task drives
+        script: returns the actions of an episode; None: a person or a client drives
+        driver: label of the script in the web viewer
     """
 
-    def __init__(self, task: Task, seed: int, *, scripted: bool) -> None:
-        self.task, self._seed, self._scripted = task, seed, scripted
+    def __init__(
+        self, task: Task, seed: int, *, script: Script | None, driver: str = "scripted policy"
+    ) -> None:
+        self.task, self._seed, self._script = task, seed, script
+        self._driver = "you drive" if script is None else driver
         self._core: Core | None = None
         self._sent: dict[str, Any] = {}
-        self._every = EVERY if scripted else round(PERIOD_S / task.world.timestep)
+        self._every = EVERY if script else round(PERIOD_S / task.world.timestep)
         self._substeps = 1
         self._tools = {name: task.world.arms[name].description.tool for name in task.arms}
         self._ended = ""
@@ -91,10 +97,9 @@ class ServedTask:
         made = "".join(
             f'<div class="card"><span>{k}</span><b>{v}</b></div>' for k, v in cards.items()
         )
-        who = "scripted policy" if self._scripted else "you drive"
-        end = f": {state['reason']}" if state["done"] else ""
+        end = f": {escape(str(state['reason']))}" if state["done"] else ""
         return (
-            f'<div class="note">{self.task.scene.title}<br>{who}{end}</div>'
+            f'<div class="note">{self.task.scene.title}<br>{escape(self._driver)}{end}</div>'
             f'<div class="cards">{made}</div>'
         )
 
@@ -139,10 +144,10 @@ class ServedTask:
     def _reset(self) -> None:
         self.task.reset(self._seed)
         self._rows: list[Row] = []
-        self._script: Iterator[Array] = self.task.policy() if self._scripted else iter(())
+        self._actions: Iterator[Array] = self._script(self.task) if self._script else iter(())
         self._periods = self.task.world.periods
         self._state = self.task.state()
-        if self._scripted:
+        if self._script:
             self._drive()
 
     def _drive(self) -> None:
@@ -154,8 +159,8 @@ class ServedTask:
                 if self._core is not None:
                     self._core.emit(name, {"data": json.dumps(content)})
             self._state = task.state()
-            if self._scripted and not task.done:
-                action = next(self._script, None)
+            if self._script and not task.done:
+                action = next(self._actions, None)
                 self._rows = task.controller.setpoints(task.stay() if action is None else action)
         if self._rows:
             task.controller.drive(self._rows.pop(0))

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from trocar.descriptions.randomisation import Randomisation
 from trocar.descriptions.scenes import Goal, Scene
 from trocar.errors import InputError
-from trocar.geometry.rotations import quaternion_from_matrix
+from trocar.geometry.rotations import matrix_from_quaternion, quaternion_from_matrix
 from trocar.geometry.se3 import transform
 from trocar.simulation import World
+from trocar.simulation.objects import ObjectStates
 from trocar.tasks.controller import EVERY, TipController
+from trocar.tasks.randomisation import RandomisedWorld
 from trocar.tasks.referee import Ending, Referee
 
 Array = NDArray[np.float64]
@@ -96,6 +99,14 @@ class Task:
         self.arms = scene.arms
         self.controller = TipController(self.world, scene.arms, scene.name)
         self.referee = Referee(scene, self.controller)
+        #: Draws the world at each reset, None for one that is always the same.
+        self.randomised: RandomisedWorld | None = None
+        if scene.randomisation != Randomisation() or scene.tips != "robot":
+            drawn = RandomisedWorld(scene.randomisation, scene.tips, self.world, self.controller)
+            self.world.add("randomisation", drawn)
+            self.randomised = drawn
+        #: Objects as cameras see them, as of the last look; as they are in a world without draws.
+        self.observed: ObjectStates = self.referee.states
         self.reset(0)
 
     # ------------------------------------------------------------------ an episode
@@ -107,6 +118,7 @@ class Task:
             InputError: no free place for an object, or one that no arm reaches
         """
         self.world.reset(seed)
+        self.controller.register()
         rng = np.random.default_rng(seed)
         for name, T in self.scene.placed(rng).items():
             self._check_reach(name, T[:3, 3])
@@ -162,6 +174,9 @@ class Task:
             self.begin()
         if referee.ending is Ending.RUNNING:
             referee.read()
+            self.observed = (
+                referee.states if self.randomised is None else self._see(self.randomised)
+            )
             self.measure()
             referee.judge(self.met, self.accomplished)
 
@@ -175,22 +190,23 @@ class Task:
         """
         found: dict[str, Array] = {}
         states, tips = self.referee.seen()
-        hidden, place = self.scene.hidden, self.referee.place
+        hidden = self.scene.hidden
         for name in self.arms:
             arm = self.world.arms[name].runtime
             q = arm.motors.positions()
             if arm.description.type == "PSM":
-                T = tips[name]
+                T = self.controller.registered(name, tips[name])
                 found[name] = np.concatenate([T[:3, 3], quaternion_from_matrix(T[:3, :3]), q[-1:]])
             else:
                 found[name] = q
+        states = states if self.randomised is None else self.observed
         for row, name in enumerate(states.names):
             if name not in hidden:
                 found[name] = np.concatenate([states.positions[row], states.quaternions[row]])
         seen: list[Array] = []
         for goal, at in self.referee.goals:
             if goal.on not in hidden:
-                seen.append(place(goal, at) if goal.on else at)
+                seen.append(self.place_seen(goal, at) if goal.on else at)
         found["goals"] = np.array(seen).reshape(-1, 3)
         found["time"] = np.array([self.world.time])
         return found
@@ -263,6 +279,18 @@ class Task:
         """Return an object's pose in the world now, (4, 4)."""
         return self.world.object(name).measured_cp().matrix
 
+    def place_seen(self, goal: Goal, at: Array) -> Array:
+        """Return the place of a goal, (3,) [m], by the object that it stands on as it is seen.
+
+        Args:
+            goal, at: a row of `goals`
+        """
+        if self.randomised is None or not goal.on:
+            return self.referee.place(goal, at)
+        row = self.observed.names.index(goal.on)
+        turn = matrix_from_quaternion(self.observed.quaternions[row])
+        return turn @ at + self.observed.positions[row]
+
     def stay(self) -> Array:
         """Return the action that holds all arms."""
         return np.concatenate([*self.controller.idle().values()])
@@ -287,6 +315,8 @@ class Task:
         A class that counts more sets it back first, then calls this one.
         """
         self.controller.begin()
+        if self.randomised is not None:
+            self.randomised.start()
         self.referee.begin()
         self.look()
         self.referee.gained = 0.0
@@ -340,6 +370,13 @@ class Task:
         return capture()
 
     # ------------------------------------------------------------------ inside
+
+    def _see(self, drawn: RandomisedWorld) -> ObjectStates:
+        """Return objects as cameras see them."""
+        states = self.referee.states
+        true = np.concatenate([states.positions, states.quaternions], axis=1)
+        seen = drawn.sight.see(true[None])[0]
+        return replace(states, positions=seen[:, :3], quaternions=seen[:, 3:])
 
     def _check_reach(self, name: str, at: Array) -> None:
         """Reject a place that no driven instrument reaches, pointing straight down."""

@@ -186,7 +186,7 @@ class NeedleHand(Hand):
         """Bring the set-point half of the way to the measured tip, for a period."""
         now, goal = (
             self.task.controller.target(self.arm),
-            self.task.world.arms[self.arm].measured_cp("world").matrix,
+            self.task.controller.tip(self.arm),
         )
         change = rotation_vector_from_matrix(goal[:3, :3] @ now[:3, :3].T)
         way = np.concatenate([goal[:3, 3] - now[:3, 3], change])
@@ -532,7 +532,7 @@ class Sewing:
 
     def _pose(self, hand: Hand, held: Array) -> Array:
         """Return the needle's pose in the world from that of a hand's tip in it, (4, 4)."""
-        return self.task.world.arms[hand.arm].measured_cp("world").matrix @ inverse(held)
+        return self.task.controller.tip(hand.arm) @ inverse(held)
 
     def _see(self) -> Array:
         """Return the seen pose of the lying needle."""
@@ -554,7 +554,7 @@ class Sewing:
         """Return the pose of a hand's tip in the needle's frame as it is measured, (4, 4)."""
         rng, noise = self.op.noise_rng, self.op.noise
         needle = self.task.object_pose(self.op.tissue.tissue.needle)
-        held = inverse(needle) @ self.task.world.arms[hand.arm].measured_cp("world").matrix
+        held = inverse(needle) @ self.task.controller.tip(hand.arm)
         turn = matrix_from_rotation_vector(noise.held_turn * rng.normal(size=3))
         return transform(turn, noise.held * rng.normal(size=3)) @ held
 

@@ -1,0 +1,79 @@
+"""A batch of randomised worlds: each moves and is seen as its task."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from trocar.descriptions.catalogue import load_scene
+from trocar.descriptions.randomisation import Randomisation, read_randomisation
+from trocar.errors import InputError
+from trocar.learning.readings import SceneReadings, read_task
+from trocar.learning.scene_batch import SceneBatch
+from trocar.tasks import make_task
+
+#: All of the preset but the errors of robots, which a batch does not have.
+WIDE = replace(read_randomisation("wide"), errors="")
+
+
+def worst(batch: SceneReadings, world: int, task: SceneReadings) -> float:
+    """Return the largest difference of a world's readings from a task's."""
+    found = [0.0]
+    for f in fields(SceneReadings):
+        one, other = getattr(batch, f.name), getattr(task, f.name)
+        pairs = [(one, other)]
+        if isinstance(one, dict):
+            pairs = [(one[name], other[name]) for name in other]
+        found += [
+            float(np.abs(np.asarray(a[world], float) - np.asarray(b[0], float)).max(initial=0.0))
+            for a, b in pairs
+            if f.name != "names"
+        ]
+    return max(found)
+
+
+@pytest.mark.parametrize("name", ["needle-pick", "needle-reach"])
+def test_a_world_moves_and_is_seen_as_the_task_with_its_seed(name: str) -> None:
+    scene = load_scene(name).randomised(WIDE)
+    batch = SceneBatch(scene, 2, threads=1)
+    task = make_task(replace(scene, rig=replace(scene.rig, grasp="friction")))
+    batch.reset(seeds=[1, 2])
+    batch.reset([True, False], [7])  # one world alone, anew
+    task.reset(2)
+    script = task.policy()
+    actions: list[np.ndarray] = []
+    assert worst(batch.readings, 1, read_task(task)) <= 1e-10
+    while len(actions) < 60 and not task.done:
+        actions.append(next(script, task.stay()))
+        task.command(actions[-1])
+        batch.command(np.array([actions[-1], actions[-1]]))
+    assert len(actions) > 20
+    assert worst(batch.readings, 1, read_task(task)) <= 1e-10
+    task.reset(7)
+    for action in actions:
+        if not task.done:
+            task.command(action)
+    assert worst(batch.readings, 0, read_task(task)) <= 1e-10
+    mass = batch.physics.expand("body_mass")
+    assert not np.array_equal(mass[0], mass[1])
+
+
+def test_a_batch_without_spreads_moves_as_before() -> None:
+    ends = []
+    for scene in (load_scene("needle-pick"), load_scene("needle-pick").randomised("none")):
+        batch = SceneBatch(scene, 2, threads=1)
+        batch.reset(seeds=[1, 2])
+        for _ in range(5):
+            batch.command(np.full((2, 7), 0.02))
+        ends.append(batch.physics.rows.copy())
+    assert np.array_equal(*ends)
+
+
+def test_what_a_batch_lacks_is_named() -> None:
+    scene = load_scene("needle-pick")
+    with pytest.raises(InputError, match="tips of the camera; allowed in a batch: of the robot"):
+        SceneBatch(scene.randomised(Randomisation(), "camera"), 2)
+    with pytest.raises(InputError, match="errors of robots"):
+        SceneBatch(scene.randomised("lab"), 2)

@@ -269,6 +269,11 @@ class TorchController:
         """Joints of each driven arm among those of the table, {arm: slice}."""
         return {name: driven.rows for name, driven in self._driven.items()}
 
+    @property
+    def jaws(self) -> tuple[int, ...]:
+        """Columns of an action that open the PSMs' jaws."""
+        return tuple(d.part.stop - 1 for d in self._driven.values() if d.geometry is not None)
+
     def begin(self, mask: Tensor, q: Tensor, targets: Mapping[str, Tensor]) -> None:
         """Hold arms at set-points in some worlds.
 

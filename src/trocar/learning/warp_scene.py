@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from trocar.descriptions.catalogue import load_scene
 from trocar.descriptions.scenes import Goal, Scene
 from trocar.errors import InputError, MissingExtraError
+from trocar.inputs import check_whole
 from trocar.learning.readings import NOTHING, SceneReadings
 from trocar.learning.scene_support import warp_obstacles
 from trocar.learning.torch_controller import TorchController
@@ -134,7 +135,9 @@ class WarpScene:
         success, failed, late: how episodes ended, if they did, (n,) bool
         broken: worlds that began anew in the last command as they were not finite, (n,) bool
         broken_count: of all commands so far, a tensor
+        limits, jaws: least and largest values of an action, (k,) each; columns that open jaws
         qpos, qvel, ctrl: of the physics, float32 views
+        made: the model, with its addresses
 
     Raises:
         MissingExtraError: PyTorch or MuJoCo Warp is not installed
@@ -154,7 +157,8 @@ class WarpScene:
         pool: int = POOL,
     ) -> None:
         described = scene if isinstance(scene, Scene) else load_scene(scene)
-        _check_counts(n=n, pool=pool)
+        check_whole(n, "WarpScene: n", 1)
+        check_whole(pool, "WarpScene: pool", 1)
         _check_device(device)
         if reasons := warp_obstacles(described):
             raise InputError(f"{described.name}: cannot run on MuJoCo Warp: {'; '.join(reasons)}")
@@ -185,6 +189,7 @@ class WarpScene:
         world = self.task.world
         self._controller = TorchController(world, self.task.controller, self._table, n, device)
         self.limits = self._controller.limits
+        self.jaws = self._controller.jaws
         self._psms = tuple(self._controller.targets)
         self._fill_pool(seed, pool)
         self._rng = torch.Generator(device).manual_seed(seed)
@@ -573,12 +578,6 @@ def _turned(w: Tensor, v: Tensor) -> Tensor:
 def _cross(a: Tensor, b: Tensor) -> list[Tensor]:
     (ax, ay, az), (bx, by, bz) = a.unbind(1), b.unbind(1)
     return [ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx]
-
-
-def _check_counts(**counts: object) -> None:
-    for name, value in counts.items():
-        if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-            raise InputError(f"WarpScene: got {name}={value!r}; allowed: a whole number above 0")
 
 
 def _check_device(device: str) -> None:

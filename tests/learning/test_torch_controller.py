@@ -38,6 +38,7 @@ def test_set_points_are_those_of_the_tip_controller_whatever_the_actions(scene):
         targets = {name: torch.as_tensor(task.controller.target(name)) for name in names}
         ours.begin(every, torch.as_tensor(start), targets)
         low, high = task.limits
+        action = high
         for period in range(80):
             if period % 40 == 0:  # for so long that limits and the table stop the arms
                 action = rng.uniform(low, high) * (0.3 if period else 1.5)

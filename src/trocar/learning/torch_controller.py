@@ -1,6 +1,7 @@
 """Velocities of tips become set-points of joints, in n worlds at once, as tensors.
 
-The file loads PyTorch; import it where a tensor is needed.
+The file loads PyTorch; import it where a tensor is needed. Files that need `torch` take it from
+here, with the error of an installation without it.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ try:
     import torch
     from torch import Tensor
 except ImportError as error:
-    raise MissingExtraError("PyTorch", "learn", "scenes as tensors") from error
+    raise MissingExtraError("PyTorch", "gpu", "a scene on a GPU") from error
 
 #: Angle below which a rotation vector's axis is not divided by it. Source: its square is below
 #: rounding. [rad]

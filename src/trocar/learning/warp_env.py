@@ -12,21 +12,16 @@ from typing import Any
 import numpy as np
 
 from trocar.descriptions.scenes import Scene
-from trocar.errors import InputError, MissingExtraError
+from trocar.errors import InputError
 from trocar.inputs import check_whole, shown
 from trocar.learning.actions import ACTION_PERIODS_S
 from trocar.learning.observations import BOUND, SCALE, StateEncoder, scene_centre
 from trocar.learning.readings import NOTHING
 from trocar.learning.rewards import check_reward
+from trocar.learning.torch_controller import Tensor, torch
 from trocar.learning.warp_scene import TensorReadings, WarpScene
 from trocar.tasks.controller import GRIP_RAD, PERIOD_S
 from trocar.tasks.task import Task
-
-try:
-    import torch
-    from torch import Tensor
-except ImportError as error:
-    raise MissingExtraError("PyTorch", "gpu", "a scene on a GPU") from error
 
 #: Rounding errors of a number of steps are smaller.
 ROUNDING = 1e-9

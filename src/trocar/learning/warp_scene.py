@@ -20,7 +20,7 @@ from trocar.errors import InputError, MissingExtraError
 from trocar.inputs import check_whole
 from trocar.learning.readings import NOTHING, SceneReadings
 from trocar.learning.scene_support import warp_obstacles
-from trocar.learning.torch_controller import TorchController
+from trocar.learning.torch_controller import Tensor, TorchController, torch
 from trocar.modeling.build import build
 from trocar.modeling.gpu_scene import FORCE_SIZE, gpu_scene
 from trocar.modeling.options import ModelOptions
@@ -31,11 +31,6 @@ from trocar.tasks.referee import LOST_M, ROUNDING_S, SETTLED_S
 from trocar.tasks.registry import make_task
 from trocar.tasks.task import Task
 
-try:
-    import torch
-    from torch import Tensor
-except ImportError as error:
-    raise MissingExtraError("PyTorch", "gpu", "a scene on a GPU") from error
 try:
     import mujoco_warp  # pyright: ignore[reportMissingTypeStubs]  it has none
     import warp  # pyright: ignore[reportMissingTypeStubs]  it has none

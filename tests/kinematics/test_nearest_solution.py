@@ -8,7 +8,8 @@ import pytest
 from trocar.descriptions import load_rig
 from trocar.errors import SingularError, UnreachableError
 from trocar.kinematics.chain_pose import chain_pose
-from trocar.kinematics.inverse import inverse_kinematics, nearest_solution
+from trocar.kinematics.closed_form import fit_chain
+from trocar.kinematics.inverse import inverse_kinematics, nearest_solution, nearest_solutions
 
 RIG = "full_cart"
 
@@ -64,3 +65,46 @@ def test_a_calibrated_arm_comes_back_to_its_pose(skew_overlay, rng):
     at = chain_pose(arm.mechanism)(q)
     found = nearest_solution(arm.mechanism, arm.inverse_kinematics, at, q[:6])
     np.testing.assert_allclose(found, q[:6], atol=1e-8)
+
+
+@pytest.mark.parametrize("name", ["PSM1", "ECM"])
+def test_many_poses_have_the_solutions_that_each_has_alone_to_the_last_bit(
+    name, rng, random_positions
+):
+    arm = load_rig(RIG).arm(name).arm
+    mechanism, structure, own = arm.mechanism, arm.inverse_kinematics, arm.own_joints
+    q = random_positions(arm, rng, 1500)
+    q[:200, 3] = np.where(rng.random(200) < 0.5, mechanism.lower[3], mechanism.upper[3])  # limits
+    q[200:400, 0] = np.where(rng.random(200) < 0.5, mechanism.lower[0], mechanism.upper[0])
+    T = chain_pose(mechanism)(q)
+    T[:300, :3, 3] *= rng.uniform(0.3, 1.7, (300, 1))  # some out of reach
+    seeds = q[:, :own] + 0.3 * rng.standard_normal((len(q), own)) * [1, 1, 0.1, 4, 1, 1][:own]
+    found = nearest_solutions(mechanism, structure, T, seeds)
+    reached = 0
+    for row, at, seed in zip(found, T, seeds, strict=True):
+        try:
+            expected = nearest_solution(mechanism, structure, at, seed)
+            reached += 1
+        except (UnreachableError, SingularError):
+            expected = np.full(own, np.nan)
+        np.testing.assert_array_equal(row, expected)
+    assert 1200 < reached < 1500
+
+
+@pytest.mark.parametrize("pitch", [0.0, 0.3, np.pi / 4])
+def test_of_many_solutions_that_are_equally_near_the_same_is_taken(pitch):
+    arm = load_rig(RIG).arm("PSM1").arm
+    q = np.array([0.0, pitch, 0.1, np.pi, 0.0, 0.0, 0.0])
+    T = np.tile(chain_pose(arm.mechanism)(q), (10, 1, 1))
+    T[:, :3] += 1e-16 * np.random.default_rng(0).normal(size=(10, 3, 4))
+    found = nearest_solutions(arm.mechanism, arm.inverse_kinematics, T, np.zeros((10, 6)))
+    np.testing.assert_allclose(found, np.tile(q[:6], (10, 1)), atol=1e-9)
+
+
+def test_singular_poses_among_many_have_the_solution_that_they_have_alone():
+    arm = load_rig(RIG).arm("PSM1").arm
+    depth = fit_chain(arm.mechanism, arm.inverse_kinematics).chain.depth
+    q = np.array([[0, 0, insertion, 0.2, 0.1, 0, 0] for insertion in (-depth, 0.1)])
+    T = chain_pose(arm.mechanism)(q)  # of the first, the wrist is in the remote centre
+    found = nearest_solutions(arm.mechanism, arm.inverse_kinematics, T, np.zeros((2, 6)))
+    assert np.isnan(found[0]).all() and np.isfinite(found[1]).all()

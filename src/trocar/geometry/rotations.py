@@ -218,7 +218,7 @@ def matrix_from_rotation_vector(v: ArrayLike) -> Array:
     """
     v = np.asarray(v, dtype=np.float64)
     if v.shape == (3,):
-        return _matrix_from_rotation_vector(*v.tolist())
+        return np.array(_rotation_rows(*v.tolist()))
     angle = np.linalg.norm(v, axis=-1)[..., None, None]
     sine = np.sinc(angle / np.pi)  # sin(angle) / angle, 1 at 0
     versine = 0.5 * np.sinc(0.5 * angle / np.pi) ** 2  # (1 - cos(angle)) / angle**2, 1/2 at 0
@@ -226,21 +226,31 @@ def matrix_from_rotation_vector(v: ArrayLike) -> Array:
     return np.cos(angle) * np.eye(3) + sine * skew(v) + versine * outer
 
 
-def _matrix_from_rotation_vector(x: float, y: float, z: float) -> Array:
+def matrices_from_rotation_vectors(v: Array) -> Array:
+    """Turn by |v| about v, as `matrix_from_rotation_vector` of each alone, to the last bit.
+
+    Args:
+        v: (n, 3) [rad]
+
+    Returns:
+        (n, 3, 3)
+    """
+    return np.array([_rotation_rows(*row) for row in v.tolist()]).reshape(-1, 3, 3)
+
+
+def _rotation_rows(x: float, y: float, z: float) -> list[list[float]]:
     """Do the same to one vector, six times as fast."""
     angle = math.sqrt(x * x + y * y + z * z)
     if angle == 0.0:
-        return np.eye(3)
+        return [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
     x, y, z = x / angle, y / angle, z / angle
     c, s, half = math.cos(angle), math.sin(angle), math.sin(0.5 * angle)
     v = 2.0 * half * half  # 1 - c, with all its digits
-    return np.array(
-        [
-            [c + v * x * x, v * x * y - s * z, v * x * z + s * y],
-            [v * y * x + s * z, c + v * y * y, v * y * z - s * x],
-            [v * z * x - s * y, v * z * y + s * x, c + v * z * z],
-        ]
-    )
+    return [
+        [c + v * x * x, v * x * y - s * z, v * x * z + s * y],
+        [v * y * x + s * z, c + v * y * y, v * y * z - s * x],
+        [v * z * x - s * y, v * z * y + s * x, c + v * z * z],
+    ]
 
 
 def rotation_vector_from_matrix(R: ArrayLike) -> Array:

@@ -21,6 +21,7 @@ from trocar.kinematics.inverse_rcm import (
     inverse_rcm_arm,
     inverse_rcm_scope,
     nearest_rcm_arm,
+    nearest_rcm_arms,
     nearest_rcm_scope,
 )
 from trocar.kinematics.jacobian import jacobian_spatial
@@ -51,6 +52,8 @@ class JointAxes:
 #: gimbal arm takes `platform_angle`, too.
 Solver = Callable[..., Array]
 Nearest = Callable[[Array, Limits, Sequence[float]], tuple[float, ...] | None]
+#: The same of many poses (n, 4, 4) with as many seeds, and which are undetermined.
+NearestMany = Callable[[Array, Limits, Array], tuple[Array, NDArray[np.bool_]]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +66,7 @@ class Chain:
         solve: from T_0_last to joint positions
         nearest: the same for the solution nearest to a seed alone, quickly; None where there is no
             quicker way
+        nearest_many: the same for many poses; None where there is none
         depth: of an instrument's wrist, a scope's tip, past the remote centre at insertion 0 [m]
     """
 
@@ -71,6 +75,7 @@ class Chain:
     solve: Solver
     nearest: Nearest | None = None
     depth: float = 0.0
+    nearest_many: NearestMany | None = None
 
 
 def rcm_arm(axes: JointAxes) -> Chain:
@@ -86,7 +91,7 @@ def rcm_arm(axes: JointAxes) -> Chain:
         return _shaft(q, wrist) @ wrist_pitch @ wrist_yaw
 
     solvers = partial(inverse_rcm_arm, geometry), partial(nearest_rcm_arm, geometry)
-    return Chain(base, forward, *solvers, wrist)
+    return Chain(base, forward, *solvers, wrist, partial(nearest_rcm_arms, geometry))
 
 
 def rcm_scope(axes: JointAxes) -> Chain:

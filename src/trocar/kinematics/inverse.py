@@ -9,13 +9,14 @@ every forward kinematics.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache, partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.errors import InputError, UnreachableError
+from trocar.errors import InputError, SingularError, UnreachableError
 from trocar.geometry.rotations import matrix_from_rotation_vector
 from trocar.geometry.se3 import check_transform, inverse, log_transform, pose_difference
 from trocar.kinematics.closed_form import Fit, fit_chain
@@ -160,6 +161,30 @@ def nearest_solution(
             return np.array(found)
     platform = float(seed[PLATFORM]) if structure == "gimbal_arm" else None
     return inverse_kinematics(mechanism, structure, T, seed, platform_angle=platform)[0]
+
+
+def nearest_solutions(mechanism: Mechanism, structure: str, T: Array, seeds: Array) -> Array:
+    """Find `nearest_solution` of many poses at once, (n, k); NaN where a pose has none.
+
+    Args:
+        mechanism, structure: as for `inverse_kinematics`
+        T: poses of the tip in the mechanism's reference frame, (n, 4, 4), not checked
+        seeds: of each pose, (n, k) [rad or m]
+
+    Raises:
+        InputError: a mechanism of another structure
+    """
+    fit, todo = fit_chain(mechanism, structure), np.arange(len(T))
+    found = np.full(seeds.shape, np.nan)
+    if fit.chain.nearest_many is not None and fit.deviation <= EXACT:
+        ends = chain_ends(mechanism, structure)
+        in_chain = ends.before @ T @ ends.after
+        found, undetermined = fit.chain.nearest_many(in_chain, ends.limits, seeds)
+        todo = np.flatnonzero(undetermined)
+    for k in todo.tolist():
+        with suppress(UnreachableError, SingularError):
+            found[k] = nearest_solution(mechanism, structure, T[k], seeds[k])
+    return found
 
 
 def nearest_start(mechanism: Mechanism, structure: str, T: Array, seed: Array) -> Array | None:

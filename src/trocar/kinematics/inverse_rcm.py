@@ -18,9 +18,9 @@ Source: the dVRK's kinematics of PSM and ECM (sawIntuitiveResearchKit, PSM.json 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import atan2, copysign, cos, hypot, inf, pi, sin, sqrt
+from math import atan2, copysign, cos, hypot, inf, isinf, pi, sin, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,6 +36,7 @@ from trocar.kinematics.solutions import (
     nearer,
     nearest_first,
     nearest_turn,
+    nearest_turns,
     out_of_limits,
     some_inside,
 )
@@ -238,6 +239,97 @@ def nearest_rcm_arm(
                 if found is None or nearer(far, q, best, found):
                     best, found = far, q
     return found
+
+
+def nearest_rcm_arms(
+    geometry: RcmArmGeometry, T: Array, limits: Limits, seeds: Array
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Find the solutions of `nearest_rcm_arm` for many poses, to the same last bit.
+
+    Args:
+        geometry: as for `nearest_rcm_arm`
+        T: poses of the tip in frame 0, (n, 4, 4)
+        limits: lower and upper of each joint, six pairs
+        seeds: of each pose, (n, 6) [rad, insertion m]
+
+    Returns:
+        (n, 6), NaN where there is no solution; and where joints are not determined, (n,), which is
+        left to `inverse_rcm_arm`
+    """
+    (a00, _, a02, px), (a10, _, a12, py), (a20, _, a22, pz) = T[:, :3].transpose(1, 2, 0)
+    along = px * a02 + py * a12 + pz * a22
+    cx, cy, cz = px - along * a02, py - along * a12, pz - along * a22
+    distance = np.sqrt(cx * cx + cy * cy + cz * cz)
+    undetermined = distance < TIP_ON_AXIS
+    distance[undetermined] = 1.0
+    wrist_length, shift = geometry.wrist_length, geometry.insertion_offset - geometry.tool_length
+
+    def near(turn: Array, joint: int, worlds: NDArray[np.intp]) -> Array:
+        return nearest_turns(turn, seeds[worlds, joint], limits[joint])
+
+    count = len(T)
+    at, sign = np.tile(np.arange(count), 2), np.repeat([1.0, -1.0], count)
+    bx, by, bz = sign * (cx / distance)[at], sign * (cy / distance)[at], sign * (cz / distance)[at]
+    wx, wy, wz = (p[at] - wrist_length * b for p, b in ((px, bx), (py, by), (pz, bz)))
+    norm = np.sqrt(wx * wx + wy * wy + wz * wz)
+    undetermined |= (norm < WRIST_AT_CENTRE).reshape(2, count).any(axis=0)
+    x6, y6, z6 = a00[at], a10[at], a20[at]
+    x, y, z = a02[at], a12[at], a22[at]
+    ex, ey, ez = by * z - bz * y, bz * x - bx * z, bx * y - by * x  # x5 x z6
+    q6 = near(_each(atan2, bx * x6 + by * y6 + bz * z6, ex * x6 + ey * y6 + ez * z6), 5, at)
+    # Candidates that pass a limit are left out from here on.
+    sides = np.repeat(np.flatnonzero(~np.isnan(q6)), 2)
+    depth = norm[sides] * np.where(np.arange(len(sides)) % 2, -1.0, 1.0)
+    low3, high3 = limits[2]
+    q3 = depth + shift
+    fits = (low3 - LIMIT_TOLERANCE <= q3) & (q3 <= high3 + LIMIT_TOLERANCE)
+    sides, depth, q3 = sides[fits], depth[fits], q3[fits]
+    with np.errstate(divide="ignore", invalid="ignore"):  # undetermined
+        ux, uy, uz = wx[sides] / depth, wy[sides] / depth, wz[sides] / depth
+    sine = -(ux * x[sides] + uy * y[sides] + uz * z[sides])
+    cosine = ux * bx[sides] + uy * by[sides] + uz * bz[sides]
+    q5 = near(_each(atan2, sine, cosine), 4, at[sides])
+    fits = ~np.isnan(q5)
+    sides, q3, q5, ux, uy, uz = (row[fits] for row in (sides, q3, q5, ux, uy, uz))
+    level = _each(hypot, ux, uz)
+    undetermined[at[sides[level < SHAFT_ON_YAW_AXIS]]] = True
+    yaw, pitch = _each(atan2, ux, -uz), _each(atan2, -uy, level)
+    both = np.stack([yaw, yaw + pi], axis=1).ravel(), np.stack([pitch, pi - pitch], axis=1).ravel()
+    sides, q3, q5 = np.repeat(sides, 2), np.repeat(q3, 2), np.repeat(q5, 2)
+    q1, q2 = near(both[0], 0, at[sides]), near(both[1], 1, at[sides])
+    fits = ~(np.isnan(q1) | np.isnan(q2))
+    sides, q1, q2, q3, q5 = (row[fits] for row in (sides, q1, q2, q3, q5))
+    s1, c1, s2, c2 = _each(sin, q1), _each(cos, q1), _each(sin, q2), _each(cos, q2)
+    ex, ey, ez, worlds = ex[sides], ey[sides], ez[sides], at[sides]
+    turn = _each(atan2, ex * s1 * s2 + ey * c2 - ez * c1 * s2, -ex * c1 - ez * s1)
+    q4 = near(turn, 3, worlds)
+    q3 = np.minimum(np.maximum(q3, low3), high3)
+    q = np.stack([q1, q2, q3, q4, q5, q6[sides]], axis=1)
+    fits = ~np.isnan(q4)
+    found = np.full((count, len(limits)), np.nan)
+    found[worlds[fits]] = q[fits]
+    for world in np.flatnonzero(np.bincount(worlds[fits], minlength=count) > 1).tolist():
+        found[world] = _nearest(q[fits & (worlds == world)], seeds[world].tolist(), limits)
+    found[undetermined] = np.nan
+    return found, undetermined
+
+
+def _nearest(branches: Array, seed: Sequence[float], limits: Limits) -> Sequence[float]:
+    """Return the branch nearest to a seed, of several (m, 6)."""
+    best, found = inf, branches[0].tolist()
+    for q in branches.tolist():
+        far = 0.0
+        for a, b, (low, high) in zip(q, seed, limits, strict=True):
+            far += ((a - b) / (high - low)) ** 2
+        far = sqrt(far)
+        if isinf(best) or nearer(far, q, best, found):
+            best, found = far, q
+    return found
+
+
+def _each(function: Callable[..., float], *values: Array) -> Array:
+    """Apply a function of plain numbers, since numpy's own round otherwise on some processors."""
+    return np.array([*map(function, *(row.tolist() for row in values))], np.float64)
 
 
 def _branches(geometry: RcmArmGeometry, T: Array) -> _Branches:

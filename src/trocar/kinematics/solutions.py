@@ -181,6 +181,16 @@ def nearest_turn(q: float, seed: float, limits: tuple[float, float]) -> float | 
     return None
 
 
+def nearest_turns(q: Array, seed: Array, limits: tuple[float, float]) -> Array:
+    """Return `nearest_turn` of many angles with a seed each, (n,), NaN where it has none."""
+    low, high = limits
+    near = q + TURN * np.floor((seed - q + LIMIT_TOLERANCE) / TURN + 0.5)
+    below, above = near < low - LIMIT_TOLERANCE, near > high + LIMIT_TOLERANCE
+    near += TURN * (below.astype(np.float64) - above)
+    fits = (low - LIMIT_TOLERANCE <= near) & (near <= high + LIMIT_TOLERANCE)
+    return np.where(fits, np.minimum(np.maximum(near, low), high), np.nan)
+
+
 def out_of_limits(candidates: Array, joints: JointRange) -> UnreachableError:
     """Name the limits that keep an arm from a pose, by the candidate that passes them least.
 

@@ -17,18 +17,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.descriptions.records import RigArm, RigDescription
 from trocar.descriptions.rig_frames import Places, pose_origin
-from trocar.errors import (
-    DivergedError,
-    InputError,
-    SingularError,
-    UnknownNameError,
-    UnreachableError,
-)
+from trocar.errors import DivergedError, InputError, UnknownNameError
 from trocar.geometry.se3 import check_transform, inverse
 from trocar.kinematics.chain_pose import chain_pose
-from trocar.kinematics.inverse import nearest_solution
+from trocar.kinematics.inverse import nearest_solutions
 from trocar.modeling.build import RigModel
 from trocar.modeling.joints import INPUTS
+from trocar.simulation.batch_grasps import BatchGrasps, sensed_model
 from trocar.simulation.computed_torque import ComputedTorque
 from trocar.simulation.drives import (
     SPRING_FIELDS,
@@ -42,9 +37,12 @@ from trocar.simulation.object_kinematics import ObjectKinematics
 from trocar.simulation.reading_errors import ReadingErrors
 from trocar.simulation.servos import POSITION, MotorEffort, pid_effort, read_matrix
 from trocar.simulation.supervision import GRAVITY_PERIOD_S
+from trocar.simulation.tracking import PERIOD_S as TRACKING_PERIOD_S
+from trocar.simulation.tracking import STEP
 from trocar.simulation.world import World
 
 Array = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 #: Model fields that the gains of one world are written into.
 GAIN_FIELDS = ("actuator_biasprm", "actuator_gainprm")
@@ -89,18 +87,26 @@ class Batch:
     set-points at the same steps, as long as no jaw holds anything: here it does by friction alone.
     Errors of the robots are those of the world that the batch begins with, in every world.
 
+    `step` checks its arguments and returns readings; `drive`, `advance`, `put_back` and `place` are
+    its parts, unchecked, for loops that do more than follow set-points.
+
     Args:
         rig: a world, whose model and state every world of the batch begins with; or a rig as
             `World` takes it
         n: number of worlds
         threads: CPU threads; None: one for each CPU
         seed: worlds have random generators spawned from it, for users of the batch
+        watch: whether to watch what jaws hold, see `grasps`
 
     Attributes:
         names: joints, "PSM1/yaw", ...; columns of `setpoints` and of readings
         n: number of worlds
         setpoints: positions that the servos follow, (n, J) [rad or m]; read-only
         rngs: a random generator for each world
+        grasps: objects that jaws hold, by `watch`; None where no jaw can hold any
+        periods: physics steps of each world since it was put back, (n,)
+        tripped: actuators whose tracking errors were beyond what is allowed since then, (n, J): a
+            World puts their arms into FAULT, a batch goes on
 
     Raises:
         InputError: n or threads is not a whole number above 0, or an object has a script
@@ -114,6 +120,7 @@ class Batch:
         *,
         threads: int | None = None,
         seed: int = 0,
+        watch: bool = False,
     ) -> None:
         for name, value in (("n", n), ("threads", 1 if threads is None else threads)):
             if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:  # pyright: ignore[reportUnnecessaryIsInstance]  public input
@@ -132,11 +139,18 @@ class Batch:
         self.timestep = world.timestep
         self.names = self._table.names
         self._arms: dict[str, RigArm] = {arm.name: arm for arm in self.rig.arms}
-        self._model = copy.copy(world.mj_model)
+        watch = watch and bool(world.grasps())
+        self._model = (
+            sensed_model(world.model, world.mj_model) if watch else copy.copy(world.mj_model)
+        )
         first = world.save()
         self._first = first.row
         sleeps = bool(self._model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP)
         self._rows = Rows(self._model, self.n, 0 if threads is None else int(threads), sleeps)
+        self.grasps = BatchGrasps(world.model, self._rows) if watch else None
+        #: The worlds at rest, with nothing but their weight.
+        self._still = Rows(_weight_only(self._model), self.n, self._rows.nthread)
+        self._still_qpos, self._weight = self._still.bind("qpos"), self._still.bind("qfrc_bias")
         self._servos = world.servos.save()
         self._gains = np.broadcast_to(self._effective(), (self.n, len(self.names), 3))
         self._read = self._own_read()
@@ -144,7 +158,8 @@ class Batch:
         self._motors = MotorEffort(self._table, slice(None))
         self._motors.renew(np.where(driven, self._servos["limit"], 0.0))
         self._ctrl = self._rows.bind("ctrl")
-        self._qpos = self._rows.bind("qpos")
+        self._qpos, self._qvel = self._rows.bind("qpos"), self._rows.bind("qvel")
+        self._warmstart = self._rows.bind("qacc_warmstart")
         self._objects = ObjectKinematics(self.rig, self._model)
         self._drives, self._trains = world.part(Drivetrains).drives, first.parts.get("drives")
         if self._drives is not None and self._trains is not None:
@@ -167,16 +182,22 @@ class Batch:
             self._inputs = np.zeros(self._inputs.shape)
             self._error_state = first.parts["errors"]
             for ctrl, qpos, qvel, setpoint in zip(
-                self._ctrl, self._qpos, self._rows.bind("qvel"), self._inputs, strict=True
+                self._ctrl, self._qpos, self._qvel, self._inputs, strict=True
             ):
                 own = SimpleNamespace(ctrl=ctrl, qpos=qpos, qvel=qvel)
                 errors = ReadingErrors(self.rig, self._table, self._model, own, world.errors)
                 errors.setpoint = setpoint
                 self._errors.append(errors)
         self._renewal = max(1, round(GRAVITY_PERIOD_S / self.timestep))
-        self._periods = np.zeros(self.n, np.int64)
+        self._tracking = max(1, round(TRACKING_PERIOD_S / self.timestep))
+        self.tripped = np.zeros((self.n, len(self.names)), np.bool_)
+        #: Positions and set-points at the last look at tracking errors, NaN before the first.
+        self._tracked = np.full((2, self.n, len(self.names)), np.nan)
+        self._actuators = self._table.actuators * self._on[:, None]
+        self.periods, self._every_world = np.zeros(self.n, np.int64), np.arange(self.n)
         scratch = mujoco.MjData(self._model)
         self._scratch, self._frames = scratch, Frames(self.rig, self._table, self._model, scratch)
+        self._linear = self._frames.linear
         places = Places(self.rig, lambda name: world.arm(name).joints.positions())
         self._references = {name: places.reference_pose(name) for name in self._arms}
         self._seed = np.random.SeedSequence(seed)
@@ -214,15 +235,34 @@ class Batch:
             for world, seed in zip(which, seeds, strict=True):
                 self.rngs[world] = np.random.default_rng(seed)
         if len(which):
-            self._rows.reset(which, stage=mujoco.mjtStage.mjSTAGE_NONE)
-            self._rows.state[which] = self._first
-            self._periods[which], self._before[which] = 0, self._servos["before"]
-            for world in which.tolist() if self._errors else ():
-                self._errors[world].load(self._error_state)
-            if self._drives is not None and self._trains is not None:
-                for world in which.tolist():
-                    self._drives.load(self._springs[world], self._trains)
+            self.put_back(which)
         return self.read()
+
+    def put_back(self, worlds: Index) -> None:
+        """Put worlds back to where the batch began, by their numbers (k,)."""
+        self._rows.reset(worlds, stage=mujoco.mjtStage.mjSTAGE_NONE)
+        self._rows.state[worlds] = self._first
+        self.periods[worlds], self._before[worlds] = 0, self._servos["before"]
+        self.tripped[worlds], self._tracked[:, worlds] = False, np.nan
+        if self.grasps is not None:
+            self.grasps.forget(worlds)
+        for world in worlds.tolist() if self._errors else ():
+            self._errors[world].load(self._error_state)
+        if self._drives is not None and self._trains is not None:
+            for world in worlds.tolist():
+                self._drives.load(self._springs[world], self._trains)
+
+    def place(self, world: int, name: str, at: Array) -> None:
+        """Put a free object somewhere in one world, at rest, after it was put back.
+
+        Args:
+            world: its number
+            name: of the object, which is no thread
+            at: position and quaternion wxyz in the world, (7,)
+        """
+        row = self._objects.joints[self._objects.names.index(name)]
+        self._qpos[world, row.qpos] = at
+        self._qvel[world, row.qvel] = self._warmstart[world, row.qvel] = 0.0
 
     def step(
         self, setpoints: ArrayLike | Mapping[str, ArrayLike] | None = None, n: int = 1
@@ -247,34 +287,58 @@ class Batch:
         rejected: dict[str, NDArray[np.bool_]] = {}
         if setpoints is not None:
             positions, rejected = self._requested(setpoints)
-            inside = np.clip(positions, self._table.lower, self._table.upper)
-            self._inputs[:, :, 0], self._inputs[:, :, 1] = inside, 0.0
-        left = int(n)
+            self.drive(positions, 0.0)
+        self.advance(int(n))
+        return self.read(rejected)
+
+    def drive(self, positions: Array, velocities: Array | float) -> None:
+        """Set what the servos follow, inside the limits, (n, J) [rad or m, per s]."""
+        np.clip(positions, self._table.lower, self._table.upper, out=self._inputs[:, :, 0])
+        self._inputs[:, :, 1] = velocities
+
+    def advance(self, n: int, worlds: Index | None = None) -> None:
+        """Advance worlds by n physics steps.
+
+        Args:
+            n: physics steps
+            worlds: their numbers, (k,), k > 0; all when omitted
+
+        Raises:
+            DivergedError: the state of a world is no longer finite
+        """
+        which = self._every_world if worlds is None else worlds
+        left = n
         while left > 0:
-            since = self._periods % self._renewal
-            for world in np.flatnonzero(since == 0).tolist():
-                self._balance(world)
+            periods = self.periods[which]
+            since = periods % self._renewal
+            if (due := since == 0).any():
+                self._balance(which[due])
+            if (due := periods % self._tracking == 0).any():
+                self._track(which[due])
             run = min(left, int((self._renewal - since).min()))
+            run = min(run, int((self._tracking - periods % self._tracking).min()))
             for errors in self._errors:
                 errors.command()
-                run = min(run, int((errors.every - self._periods % errors.every).min()))
+                run = min(run, int((errors.every - periods % errors.every).min()))
             if self._computed.any():
                 self._compute_torque()
                 run = 1
-            if self._drives is not None:
-                every = self._drives.every
-                run = min(run, int((every - self._periods % every).min()))
-            self._rows.step(nstep=run)
-            self._periods += run
+            for part in (self.grasps, self._drives):
+                if part is not None:
+                    run = min(run, int((part.every - periods % part.every).min()))
+            self._rows.step(worlds, nstep=run)
+            self.periods[which] = periods = periods + run
             left -= run
+            if self.grasps is not None and (due := periods % self.grasps.every == 0).any():
+                self.grasps.look(which[due])
             if self._drives is not None:
-                for world in np.flatnonzero(self._periods % self._drives.every == 0).tolist():
+                for world in which[periods % self._drives.every == 0].tolist():
                     self._drives.renew(self._qpos[world], self._springs[world])
-            for world, errors in enumerate(self._errors):
-                if self._periods[world] % errors.every == 0:
-                    errors.step(self._found(self._numbers())[2][world], int(self._periods[world]))
+            for world in which.tolist() if self._errors else ():
+                if self.periods[world] % self._errors[world].every == 0:
+                    effort = self._found(self._numbers())[2][world]
+                    self._errors[world].step(effort, int(self.periods[world]))
         self._check()
-        return self.read(rejected)
 
     def read(self, rejected: Mapping[str, NDArray[np.bool_]] | None = None) -> Readings:
         """Return the readings of all worlds now."""
@@ -286,6 +350,28 @@ class Batch:
         placed = np.moveaxis(self._objects.poses(self._qpos), 1, 0)
         objects = dict(zip(self._objects.names, placed, strict=True))
         return Readings(self._rows.state[:, 0].copy(), q, qd, effort, rejected or {}, objects, self)
+
+    def motion(self, worlds: Index) -> tuple[Array, Array]:
+        """Return true positions and velocities of the joints in some worlds, (k, J) each."""
+        places, rates = self._qpos[worlds][:, :, None], self._qvel[worlds][:, :, None]
+        q, qd = np.empty((2, len(worlds), len(self.names)))
+        for index in self._table.arms.values():  # arm by arm, as a World rounds
+            rows = index.rows
+            q[:, rows] = (self._table.drive[rows] @ places)[..., 0]
+            qd[:, rows] = (self._table.rate[rows] @ rates)[..., 0]
+        return q, qd
+
+    def object_poses(self, worlds: Index) -> Array:
+        """Return position and quaternion wxyz of each object in some worlds, (k, O, 7)."""
+        return self._objects.poses(self._qpos[worlds])
+
+    def object_rates(self, name: str, worlds: Index) -> Array:
+        """Return the rates of an object's joint in some worlds, (k, w) [rad/s or m/s]."""
+        return self._qvel[worlds, self._objects.joints[self._objects.names.index(name)].qvel]
+
+    def times(self) -> Array:
+        """Return the time of each world, (n,) [s]."""
+        return self._rows.state[:, 0].copy()
 
     # ------------------------------------------------------------------ what may differ
 
@@ -433,14 +519,9 @@ class Batch:
         own = slice(rows.start, rows.start + arm.own_joints)
         local = self.local_tips(self._inputs[:, :, 0])
         goals = inverse(self._base(name, local)) @ check_transform(T)
-        rejected = np.zeros(self.n, np.bool_)
-        for world in range(self.n):
-            try:
-                positions[world, own] = nearest_solution(
-                    arm.mechanism, arm.inverse_kinematics, goals[world], positions[world, own]
-                )
-            except (UnreachableError, SingularError):
-                rejected[world] = True
+        found = nearest_solutions(arm.mechanism, arm.inverse_kinematics, goals, positions[:, own])
+        rejected = np.isnan(found).any(axis=1)
+        positions[~rejected, own] = found[~rejected]
         return rejected
 
     def _base(self, name: str, local: Mapping[str, Array]) -> Array:
@@ -455,17 +536,45 @@ class Batch:
             return base
         return self._error_state["registration"].get(name, np.eye(4)) @ base
 
-    def _balance(self, world: int) -> None:
-        """Feed forward what holds every motor's load in one world."""
-        self._scratch.qpos[:] = self._qpos[world]
-        holding = self._frames.holding_efforts(np.zeros(len(self.names)))
+    def _track(self, worlds: Index) -> None:
+        """Look at tracking errors in some worlds, as `Tracking` does."""
+        setpoint = self._inputs[worlds, :, 0]
+        q = self._qpos[worlds] @ self._table.drive.T
+        for errors, row in zip(worlds.tolist(), q, strict=True) if self._errors else ():
+            row += self._errors[errors].error
+        was, wanted = self._tracked[:, worlds]
+        stepped = (np.abs(setpoint - wanted) > STEP).any(axis=1)  # never of NaN
+        self._tracked[0, worlds], self._tracked[1, worlds] = q, setpoint
+        beyond = self._beyond(q - setpoint)
+        stepped &= ~beyond.any(axis=1)
+        beyond[stepped] = self._beyond((was - setpoint)[stepped])
+        self.tripped[worlds] |= beyond
+
+    def _beyond(self, error: Array) -> NDArray[np.bool_]:
+        """Return which actuators have errors beyond what is allowed, (k, J), from joints' errors."""
+        found: NDArray[np.bool_] = np.abs(error @ self._actuators.T) > self._table.tolerance
+        return found
+
+    def _balance(self, worlds: Index) -> None:
+        """Feed forward what holds every motor's load in some worlds."""
+        self._still_qpos[worlds] = self._qpos[worlds]
+        self._still.forward(worlds, int(mujoco.mjtStage.mjSTAGE_VEL))
+        forces = self._weight[worlds]
+        if self._linear:  # a product for each world rounds as in a World
+            holding = (self._table.share @ forces[:, :, None])[..., 0]
+        else:
+            holding = np.empty((len(worlds), len(self.names)))
+            for world, force, out in zip(worlds.tolist(), forces, holding, strict=True):
+                self._scratch.qpos[:] = self._qpos[world]
+                self._frames.joint_efforts(force, out)
         if self._drives is not None:
-            holding += self._drives.holding(self._qpos[world])
-        self._inputs[world, :, 2] = self._servos["balanced"] * holding
+            for world, out in zip(worlds.tolist(), holding, strict=True):
+                out += self._drives.holding(self._qpos[world])
+        self._inputs[worlds, :, 2] = self._servos["balanced"] * holding
 
     def _compute_torque(self) -> None:
         """Feed forward computed torque for one step in every world."""
-        inputs, qvel = self._inputs, self._rows.bind("qvel")
+        inputs, qvel = self._inputs, self._qvel
         ctrl = self._ctrl.reshape(inputs.shape)
         for world in range(self.n):
             if self._drives is not None:
@@ -491,3 +600,13 @@ class Batch:
             raise DivergedError(
                 float(self._rows.state[world, 0]), "any", None, f"world {world} of the batch"
             )
+
+
+def _weight_only(model: mujoco.MjModel) -> mujoco.MjModel:
+    """Return a copy of a model whose bias forces at rest take the least to compute."""
+    made, off = copy.copy(model), mujoco.mjtDisableBit
+    for flag in (off.mjDSBL_CONSTRAINT, off.mjDSBL_CONTACT, off.mjDSBL_ACTUATION):
+        made.opt.disableflags |= int(flag)
+    made.opt.disableflags |= int(off.mjDSBL_SENSOR)
+    made.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+    return made

@@ -321,6 +321,11 @@ class Frames:
 
     # ------------------------------------------------------------------ weight
 
+    @property
+    def linear(self) -> bool:
+        """Whether `joint_efforts` is `share @ forces`, wherever the arms are."""
+        return not self._skew and not self._folded
+
     def holding_efforts(self, out: Array) -> Array:
         """Return the efforts that hold every motor's load still now, (J,) [N m or N].
 

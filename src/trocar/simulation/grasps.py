@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import acos, hypot, inf, sqrt
 from typing import NamedTuple
@@ -131,8 +131,8 @@ class Grasps(Part):
     def __init__(self, rig: RigDescription, timestep: float, journal: Journal) -> None:
         self._kind, self._journal = rig.grasp, journal
         self._jaws: list[Jaws] = []
-        self._props = tuple(p for p in rig.objects if p.thread or p.joint is None)
-        self.objects = tuple(prop.name for prop in self._props)
+        self.objects = graspable(rig)
+        self._props = tuple(p for p in rig.objects if p.name in self.objects)
         #: The pull at which each object slips out of a jaw; inf of all but threads [N].
         self._strength = [TORN * p.thread.tension if p.thread else inf for p in self._props]
         self._period = max(1, round(PERIOD_S / timestep))
@@ -153,18 +153,7 @@ class Grasps(Part):
     def _find_jaws(self, rig: RigDescription, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Take the physics that the jaws are in, with nothing held."""
         self._model, self._data = model, data
-        self._jaws = []
-        #: Of each finger: its body, and the normal of its face in it, either way, (3,).
-        self._faces: list[tuple[int, Array]] = []
-        for arm in rig.arms if self.objects else ():
-            welds = [_equality(model, naming.grasp(arm.name, name)) for name in self.objects]
-            if -1 not in welds:
-                sides = [model.body(naming.scoped(arm.name, f)).id for f in arm.arm.fingers]
-                self._jaws.append(Jaws(arm.name, (sides[0], sides[1]), np.array(welds)))
-                mechanism, shut = arm.arm.mechanism, np.zeros(len(arm.arm.joints))
-                for body, finger in zip(sides, arm.arm.fingers, strict=True):
-                    normal = pose(mechanism, shut, finger, mechanism.tip)[1, :3]  # as in `Pads`
-                    self._faces.append((body, normal))
+        self._jaws, self._faces = find_jaws(rig, model, self.objects)
         bodies = [model.body(name).id for name in self.objects]
         self._bodies = np.array(bodies, dtype=np.intp)
         #: Root of the tree of each: itself, or the body that a thread is tied to. All forces on a
@@ -443,6 +432,34 @@ class Grasps(Part):
     def _grasp(self, found: int | None, force: float, load: float = 0.0) -> Grasp:
         name = "" if found is None else self.objects[found]
         return Grasp(name, force, load, float(self._data.time))
+
+
+def graspable(rig: RigDescription) -> tuple[str, ...]:
+    """Return the names of the objects that jaws can hold: free ones and threads."""
+    return tuple(prop.name for prop in rig.objects if prop.thread or prop.joint is None)
+
+
+def find_jaws(
+    rig: RigDescription, model: mujoco.MjModel, objects: Sequence[str]
+) -> tuple[list[Jaws], list[tuple[int, Array]]]:
+    """Find the jaws of a rig that can hold objects.
+
+    Returns:
+        the jaws; and of each of their fingers its body and the normal of its face in it, either
+        way, (3,)
+    """
+    found: list[Jaws] = []
+    faces: list[tuple[int, Array]] = []
+    for arm in rig.arms if objects else ():
+        welds = [_equality(model, naming.grasp(arm.name, name)) for name in objects]
+        if -1 not in welds:
+            sides = [model.body(naming.scoped(arm.name, f)).id for f in arm.arm.fingers]
+            found.append(Jaws(arm.name, (sides[0], sides[1]), np.array(welds)))
+            mechanism, shut = arm.arm.mechanism, np.zeros(len(arm.arm.joints))
+            for body, finger in zip(sides, arm.arm.fingers, strict=True):
+                normal = pose(mechanism, shut, finger, mechanism.tip)[1, :3]  # as in `Pads`
+                faces.append((body, normal))
+    return found, faces
 
 
 def _grip(

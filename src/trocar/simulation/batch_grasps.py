@@ -1,0 +1,140 @@
+"""Grasps in the worlds of a batch, read by contact sensors, since a batch lists no contacts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch as Rows  # pyright: ignore[reportMissingTypeStubs]  it has none
+from numpy.typing import NDArray
+
+from trocar.modeling.build import RigModel
+from trocar.simulation.grasps import (
+    LOOSE_N,
+    PARALLEL,
+    PERIOD_S,
+    PRESS_N,
+    PRESSED_S,
+    find_jaws,
+    graspable,
+)
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Index = NDArray[np.intp]
+
+#: Contacts of a finger with an object that a sensor reads, those with the largest forces. Source:
+#: measured on the scripted policies of all scenes: 5 at most.
+CONTACTS = 8
+#: What it reads of each: force in the contact's axes, normal first, and the normal in the world.
+DATA = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE) | 1 << int(
+    mujoco.mjtConDataField.mjCONDATA_NORMAL
+)
+WIDTH = 6
+#: Keeps the contacts with the largest forces.
+MOST_FORCE = 2
+#: Held by nothing.
+NOTHING = -1
+
+
+def sensed_model(model: RigModel, compiled: mujoco.MjModel) -> mujoco.MjModel:
+    """Return a model with contact sensors between all fingers and free objects.
+
+    Nothing else differs, and sensors do not change motion.
+
+    Args:
+        model: of the rig
+        compiled: of a world of it, whose gains, brakes and limits are kept
+    """
+    spec, objects = model.spec.copy(), graspable(model.rig)
+    jaws, _ = find_jaws(model.rig, compiled, objects)
+    for one in jaws:
+        for finger in one.bodies:
+            for name in objects:
+                spec.add_sensor(
+                    name=f"{compiled.body(finger).name}/{name}",
+                    type=mujoco.mjtSensor.mjSENS_CONTACT,
+                    objtype=mujoco.mjtObj.mjOBJ_BODY,
+                    objname=compiled.body(finger).name,
+                    reftype=mujoco.mjtObj.mjOBJ_BODY,
+                    refname=name,
+                    intprm=[DATA, MOST_FORCE, CONTACTS],
+                )
+    made = spec.compile()
+    for owner, kept in ((made, compiled), (made.opt, compiled.opt)):
+        for field in dir(kept):
+            values, own = getattr(kept, field), getattr(owner, field)
+            if isinstance(values, np.ndarray) and values.shape == own.shape and own.flags.writeable:
+                own[...] = values
+    made.opt.disableactuator = compiled.opt.disableactuator
+    return made
+
+
+class BatchGrasps:
+    """The objects that jaws hold in n worlds, as `Grasps` finds them, by friction alone.
+
+    Args:
+        model: of the rig
+        rows: the worlds, of a model from `sensed_model`
+
+    Attributes:
+        arms: those with jaws
+        objects: those that jaws can hold
+        every: physics steps between looks
+        held: row of `objects` that each jaw holds or both its pads press, or `NOTHING`, (n, A)
+    """
+
+    def __init__(self, model: RigModel, rows: Rows) -> None:
+        compiled: mujoco.MjModel = rows.model
+        self.objects = graspable(model.rig)
+        jaws, faces = find_jaws(model.rig, compiled, self.objects)
+        self.arms = tuple(one.arm for one in jaws)
+        timestep, count = float(compiled.opt.timestep), len(self.objects)
+        self.every = max(1, round(PERIOD_S / timestep))
+        self._enough = max(1, round(PRESSED_S / (timestep * self.every)))
+        shape = rows.nsim, len(jaws), 2, count, CONTACTS, WIDTH
+        used = int(np.prod(shape[1:]))
+        first = int(compiled.nsensordata) - used  # added last
+        self._sensed: Array = rows.bind("sensordata")[:, first:]
+        self._shape = shape[1:]
+        fingers = [body for body, _ in faces]
+        self._turns: Array = rows.bind("xmat").reshape(rows.nsim, -1, 3, 3)
+        self._fingers = np.array(fingers, np.intp).reshape(-1, 2)
+        self._faces = np.array([face for _, face in faces]).reshape(-1, 2, 3)
+        self.held = np.full(shape[:2], NOTHING)
+        self._holds = self.held.copy()
+        self._looks = np.zeros((*shape[:2], count), np.intp)
+
+    def forget(self, worlds: Index) -> None:
+        """Begin anew in some worlds, with nothing held."""
+        self.held[worlds] = self._holds[worlds] = NOTHING
+        self._looks[worlds] = 0
+
+    def look(self, worlds: Index | Sequence[int] | slice) -> None:
+        """Take hold and let go in some worlds, as contacts of the last step tell."""
+        sensed = self._sensed[worlds]
+        if not sensed.any() and not (self._looks.any() or (self._holds >= 0).any()):
+            self.held[worlds] = NOTHING
+            return
+        of = sensed.reshape(len(sensed), *self._shape)
+        force, normal = of[..., 0], of[..., 3:]  # (n, A, 2, O, C), and (3,) more
+        faces = np.einsum("nasij,asj->nasi", self._turns[worlds][:, self._fingers], self._faces)
+        pushes = np.abs(force * np.einsum("nasock,nask->nasoc", normal, faces)).sum(axis=-1)
+        weaker = pushes.min(axis=2)
+        each = np.arange(len(sensed))[:, None], np.arange(weaker.shape[1])
+        holds, looks = self._holds[worlds], self._looks[worlds]
+        free = holds < 0
+        looks = np.where((weaker > PRESS_N) & free[..., None], looks + 1, 0)
+        most = weaker.argmax(axis=-1)
+        presses = free & (weaker[(*each, most)] > PRESS_N)
+        takes = presses & (looks[(*each, most)] >= self._enough)
+        if takes.any():
+            along = np.linalg.norm((force[..., None] * normal).sum(axis=-2), axis=-1)
+            flat = (along >= PARALLEL * force.sum(axis=-1)).all(axis=2)  # no edge is dug in
+            takes &= flat[(*each, most)]
+        loose = ~free & (pushes[:, :, 1][(*each, np.maximum(holds, 0))] < LOOSE_N)
+        holds = np.where(takes, most, np.where(loose, NOTHING, holds))
+        looks[takes] = 0
+        self._holds[worlds], self._looks[worlds] = holds, looks
+        self.held[worlds] = np.where(presses, most, holds)

@@ -134,7 +134,7 @@ def _inside(q: Tensor, low: Tensor, high: Tensor) -> Tensor:
 
 
 @dataclass(frozen=True, eq=False)
-class _Chain:
+class _TensorChain:
     """Forward kinematics of an arm: constant matrices as `ChainPose` has them, and its base."""
 
     ratios: Tensor
@@ -158,7 +158,7 @@ class _Chain:
 
 
 @dataclass(frozen=True, eq=False)
-class _Driven:
+class _TensorArm:
     """An arm that actions drive.
 
     Attributes:
@@ -173,7 +173,7 @@ class _Driven:
 
     rows: slice
     part: slice
-    tip: _Chain
+    tip: _TensorChain
     geometry: RcmArmGeometry | None
     own: Tensor
     after: Tensor
@@ -211,7 +211,7 @@ class TorchController:
         self.q = torch.zeros(n, len(table), dtype=torch.float64, device=device)
         self.targets: dict[str, Tensor] = {}
         self.stalled: dict[str, Tensor] = {}
-        self._driven: dict[str, _Driven] = {}
+        self._driven: dict[str, _TensorArm] = {}
         begin = 0
         for name in controller.arms:
             driven = self._describe(world, name, table, begin, device)
@@ -227,7 +227,7 @@ class TorchController:
 
     def _describe(
         self, world: World, name: str, table: JointTable, begin: int, device: str
-    ) -> _Driven:
+    ) -> _TensorArm:
         place, t = world.rig.arm(name), partial(self._tensor, device=device)
         arm = place.arm
         if place.on:
@@ -247,10 +247,10 @@ class TorchController:
             ends = chain_ends(arm.mechanism, arm.inverse_kinematics)
             own, after = ends.before @ np.linalg.inv(base), ends.after
         joints = arm.joints[:-1] if moves else arm.joints
-        return _Driven(
+        return _TensorArm(
             rows,
             slice(begin, begin + (7 if moves else len(joints))),
-            _Chain(
+            _TensorChain(
                 t(chain.ratios),
                 torch.as_tensor(chain.slides, device=device),
                 t(chain.parts),
@@ -322,7 +322,7 @@ class TorchController:
         self.q = after
         return before, after
 
-    def _onward(self, name: str, driven: _Driven, measured: Tensor, twist: Tensor) -> Tensor:
+    def _onward(self, name: str, driven: _TensorArm, measured: Tensor, twist: Tensor) -> Tensor:
         """Move a PSM's target on, as fast as its joints may; return its set-points, (n, 6)."""
         seed = self.q[:, driven.rows.start : driven.rows.stop - 1]
         moves = (twist != 0.0).any(1)
@@ -337,7 +337,7 @@ class TorchController:
         return torch.where(take[:, None], after, seed)
 
     def _tried(
-        self, name: str, driven: _Driven, seed: Tensor, twist: Tensor
+        self, name: str, driven: _TensorArm, seed: Tensor, twist: Tensor
     ) -> tuple[Tensor, Tensor, Tensor]:
         """Return a PSM's target after a period, its joints, and their largest relative speed."""
         geometry = driven.geometry

@@ -19,7 +19,7 @@ from trocar.descriptions.scenes import Goal, Scene
 from trocar.errors import InputError, MissingExtraError
 from trocar.inputs import check_whole
 from trocar.learning.readings import NOTHING, SceneReadings
-from trocar.learning.scene_support import warp_obstacles
+from trocar.learning.scene_support import warp_obstacle
 from trocar.learning.torch_controller import Tensor, TorchController, torch
 from trocar.modeling.build import build
 from trocar.modeling.gpu_scene import FORCE_SIZE, gpu_scene
@@ -155,8 +155,8 @@ class WarpScene:
         check_whole(n, "WarpScene: n", 1)
         check_whole(pool, "WarpScene: pool", 1)
         _check_device(device)
-        if reasons := warp_obstacles(described):
-            raise InputError(f"{described.name}: cannot run on MuJoCo Warp: {'; '.join(reasons)}")
+        if reason := warp_obstacle(described):
+            raise InputError(f"{described.name}: cannot run on MuJoCo Warp: {reason}")
         self._steps = round(LOOK_S / timestep) if timestep > 0.0 else 0
         if self._steps < 1 or abs(self._steps * timestep - LOOK_S) > ROUNDING_S:
             raise InputError(
@@ -417,7 +417,7 @@ class WarpScene:
         self._last_stage = max(goal.stage for goal in self._goals)
         looks = max(1, round(PRESSED_S / LOOK_S))
         self._jaws = {
-            arm: _Jaws(self.n, torch.as_tensor(addresses, device=self.device), looks)
+            arm: _WarpJaws(self.n, torch.as_tensor(addresses, device=self.device), looks)
             for arm, addresses in self.made.touch.items()
             if addresses.size and len(addresses) == len("lr")
         }
@@ -520,7 +520,7 @@ class WarpScene:
             )
 
 
-class _Jaws:
+class _WarpJaws:
     """Grasps of one arm in n worlds, by the rules of `Grasps` with friction alone.
 
     Args:

@@ -5,6 +5,7 @@ Each name is loaded when it is first used, so that importing trocar stays instan
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -12,12 +13,12 @@ if TYPE_CHECKING:
     from trocar.descriptions import load_arm as load_arm
     from trocar.descriptions import load_rig as load_rig
     from trocar.descriptions.catalogue import load_scene as load_scene
+    from trocar.learning.task_env import make as make
     from trocar.modeling.build import build as build
     from trocar.recording import record as record
     from trocar.rendering import Endoscope as Endoscope
     from trocar.simulation import Batch as Batch
     from trocar.simulation import World as World
-    from trocar.tasks import make_task as make
 
 __version__ = "0.1.0"
 __all__ = [
@@ -42,7 +43,7 @@ _HOMES = {
     "load_arm": ("trocar.descriptions", "load_arm"),
     "load_rig": ("trocar.descriptions", "load_rig"),
     "load_scene": ("trocar.descriptions.catalogue", "load_scene"),
-    "make": ("trocar.tasks", "make_task"),
+    "make": ("trocar.learning.task_env", "make"),
     "record": ("trocar.recording", "record"),
 }
 
@@ -56,3 +57,10 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return sorted(__all__)
+
+
+# Gymnasium that is imported later registers the environments then.
+if "gymnasium" in sys.modules:
+    import_module("trocar.learning.ids").register()
+else:
+    import_module("trocar_gymnasium")

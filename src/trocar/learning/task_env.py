@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from math import ceil
 from pathlib import Path
 from typing import Any, cast
@@ -16,6 +17,8 @@ from trocar.geometry.rotations import matrix_from_quaternion
 from trocar.geometry.se3 import transform
 from trocar.inputs import check_numbers, check_whole, got
 from trocar.learning.actions import make_actions
+from trocar.learning.ids import settings_of
+from trocar.learning.images import EDGE, SceneCamera
 from trocar.learning.observations import StateEncoder, Vectors
 from trocar.learning.readings import SceneReadings, read_task
 from trocar.learning.rewards import GoalReward, check_reward
@@ -26,8 +29,11 @@ Array = NDArray[np.float64]
 #: An array, or a dict of arrays.
 Observation = Any
 #: Kinds of observations. "state": `StateEncoder.encode`. "goal": `StateEncoder.encode_goal` as a
-#: dict with "observation", "achieved_goal" and "desired_goal".
-OBSERVATIONS = ("state", "goal")
+#: dict with "observation", "achieved_goal" and "desired_goal". "image": `SceneCamera.capture`.
+#: "state+image": a dict with "state" and "image".
+OBSERVATIONS = ("state", "goal", "image", "state+image")
+#: Ids of environments.
+VERSIONED = re.compile(r"[^/]+/.+-v[0-9]+")
 #: Rounding errors of a number of steps are smaller.
 ROUNDING = 1e-9
 
@@ -48,10 +54,12 @@ class TaskEnv:
         reward: see `trocar.learning.rewards.REWARDS`; default: "sparse" with obs "goal", else
             "task"
         max_steps: actions of an episode; default: those of the scene's time limit
+        image_size, channels, eyes: of images, see `SceneCamera`
 
     Attributes:
         task: that is driven
         encoder: of its readings
+        camera: of images; None without
         actions: kind of actions
         settings: as given, as plain values for files of policies
         ending, reason: of the episode, see `Referee`
@@ -70,6 +78,9 @@ class TaskEnv:
         action_period: float = 0.1,
         reward: str = "",
         max_steps: int | None = None,
+        image_size: int | Sequence[int] = EDGE,
+        channels: Sequence[str] = ("rgb",),
+        eyes: int = 1,
     ) -> None:
         self.task = task = scene if isinstance(scene, Task) else make_task(scene)
         label = task.scene.name
@@ -78,7 +89,7 @@ class TaskEnv:
         if obs == "goal" and len({goal.stage for goal in task.scene.goals}) > 1:
             raise InputError(
                 f"{label}: obs: got 'goal', but its goals count by stages, which no two places"
-                " judge; allowed: 'state'"
+                " judge; allowed: 'state' or an image"
             )
         reward = check_reward(reward or ("sparse" if obs == "goal" else "task"), label)
         self.encoder = StateEncoder(task)
@@ -96,6 +107,12 @@ class TaskEnv:
             "reward": reward,
             "max_steps": steps,
         }
+        self.camera: SceneCamera | None = None
+        if obs.endswith("image"):
+            self.camera = SceneCamera(task, image_size, channels, eyes)
+            height, width, _ = self.camera.shape
+            layers = [channels] if isinstance(channels, str) else list(channels)
+            self.settings |= {"image_size": [width, height], "channels": layers, "eyes": eyes}
         self._seeds = np.random.default_rng()
         self._begin()
 
@@ -185,7 +202,11 @@ class TaskEnv:
                 "achieved_goal": achieved[0],
                 "desired_goal": desired[0],
             }
-        return self.encoder.encode(self.readings)[0]
+        if self.camera is None:
+            return self.encoder.encode(self.readings)[0]
+        if self._obs == "image":
+            return self.camera.capture()
+        return {"state": self.encoder.encode(self.readings)[0], "image": self.camera.capture()}
 
     def info(self) -> dict[str, Any]:
         """Return the info of the last reset or step, see `step`."""
@@ -221,7 +242,9 @@ class TaskEnv:
         return self.ending is not Ending.RUNNING
 
     def close(self) -> None:
-        """Release what the task opened."""
+        """Release what the environment and the task opened."""
+        if self.camera is not None:
+            self.camera.close()
         self.task.close()
 
     # ------------------------------------------------------------------ inside
@@ -247,6 +270,28 @@ class TaskEnv:
         if period and self.actions.reads:
             self._read()
         return self.actions.velocities(action, self.readings, period)[0]
+
+
+def make(scene: Scene | str | Path, **settings: Any) -> Any:
+    """Return the task of a scene, or, of the id of an environment, its `TaskEnv`.
+
+    Args:
+        scene: a scene, its name, the path of its file, or an id: "trocar/NeedlePick-v0"
+        settings: of the environment, over those of the id
+
+    Raises:
+        UnknownNameError: no such scene or id; the known ones are listed
+        DescriptionError: a broken file
+        InputError: settings that are not allowed, or of a task, which has none
+    """
+    if isinstance(scene, str) and VERSIONED.fullmatch(scene):
+        return TaskEnv(**{**settings_of(scene), **settings})
+    if settings:
+        raise InputError(
+            f"{scene if isinstance(scene, str | Path) else scene.name}: got the settings"
+            f" {', '.join(settings)}; allowed: with the id of an environment (trocar/NeedlePick-v0)"
+        )
+    return make_task(scene)
 
 
 def place_objects(task: Task, options: Mapping[str, Any]) -> None:

@@ -53,10 +53,10 @@ def test_set_points_are_those_of_the_tip_controller_whatever_the_actions(scene):
             assert torch.equal(before, was)
             for name, rows in ours.rows.items():
                 want = world.arms[name].joints.setpoints()
-                np.testing.assert_allclose(after[0, rows], want, atol=SAME, rtol=0)
+                np.testing.assert_allclose(after[0, rows].numpy(), want, atol=SAME, rtol=0)
             for name in names:
                 want = task.controller.target(name)
-                np.testing.assert_allclose(ours.targets[name][1], want, atol=SAME, rtol=0)
+                np.testing.assert_allclose(ours.targets[name][1].numpy(), want, atol=SAME, rtol=0)
                 stalled = bool(task.controller.stalls[name])
                 assert bool(ours.stalled[name][0]) == stalled
                 stalls += stalled
@@ -75,7 +75,7 @@ def test_tips_of_tensors_are_those_of_the_world():
         q[0, rows] = task.world.arms[name].joints.positions()
     for name, T in ours.tips(torch.as_tensor(q)).items():
         want = task.world.arms[name].measured_cp("world").matrix
-        np.testing.assert_allclose(T[0], want, atol=1e-12)
+        np.testing.assert_allclose(T[0].numpy(), want, atol=1e-12)
 
 
 def test_the_inverse_of_tensors_is_the_nearest_solution_all_over_the_workspace():

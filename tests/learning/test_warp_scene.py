@@ -14,6 +14,7 @@ import pytest
 
 from trocar.descriptions.catalogue import load_scene
 from trocar.errors import InputError, MissingExtraError
+from trocar.learning.observations import StateEncoder
 from trocar.learning.readings import SceneReadings, read_task
 from trocar.tasks import Task
 from trocar.tasks.registry import make_task
@@ -65,14 +66,14 @@ def test_episodes_begin_as_the_task_begins_them_and_are_encoded_alike(name):
     scene.reset(rows=torch.tensor([2, 0, 3]))
     task, encoder = friction_task(name), TensorEncoder(scene.task, "cpu")
     coded = encoder.encode(scene.readings)
-    from trocar.learning.observations import StateEncoder
-
     theirs = StateEncoder(task)
     assert encoder.names == theirs.names and coded.shape == (3, theirs.size)
     for world, row in enumerate((2, 0, 3)):
         task.reset(scene.seeds[row])
         assert_same(scene.readings.numpy(), task, world, SINGLE)
-        np.testing.assert_allclose(coded[world], theirs.encode(read_task(task))[0], atol=1e-5)
+        np.testing.assert_allclose(
+            coded[world].numpy(), theirs.encode(read_task(task))[0], atol=1e-5
+        )
     held = scene.qpos[1].clone()
     scene.reset(torch.tensor([True, False, True]))
     assert torch.equal(scene.qpos[1], held)  # worlds that are not reset stay
@@ -94,8 +95,6 @@ class Pick:
 
 @pytest.fixture(scope="module")
 def pick() -> Pick:
-    from trocar.learning.observations import StateEncoder
-
     scene = WarpScene("needle-pick", 2, device="cpu", pool=2)
     scene.reset(rows=torch.tensor([0, 1]))
     tasks = [friction_task("needle-pick") for _ in range(2)]

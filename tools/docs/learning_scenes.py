@@ -12,9 +12,10 @@ PAGE = Path(__file__).parents[2] / "docs" / "learning-scenes.md"
 TEXT = """\
 # Where each scene runs
 
-Every scene runs in one world (`Task`, `trocar play`). The others need more: `SceneBatch` and `WarpScene` have the rules of most tasks in arrays of
-worlds ([scenes on a GPU](learning-gpu.md)); an MJX file (`trocar export SCENE --format mjcf`) has the bodies, joints, contacts and servos, not
-the task. MJX files were compiled by MuJoCo and never loaded into MJX.
+Every scene runs in one world (`Task`, `trocar play`). `SceneBatch` and `WarpScene`
+([scenes on a GPU](learning-gpu.md)) have the rules of most tasks in arrays of worlds. An
+[MJX file](learning-gpu.md#mjx) has the bodies, joints, contacts and servos, not the task; MuJoCo
+compiles it, and it was not loaded into MJX.
 
 <!-- Written by make docs. -->
 

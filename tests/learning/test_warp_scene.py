@@ -154,7 +154,7 @@ def test_a_world_that_is_not_finite_begins_anew_alone_and_is_counted():
     still = torch.zeros(2, len(scene.limits[0]), dtype=torch.float64)
     scene.command(still)
     assert not scene.broken.any()
-    scene.qpos[0, 3] = torch.nan
+    scene.qpos[0, 0] = torch.nan  # x of the needle
     before = scene.qpos[1].clone()
     scene.command(still)
     assert scene.broken.tolist() == [True, False]

@@ -24,7 +24,7 @@ GPU = "MuJoCo Warp is not installed: pip install 'trocar[gpu]'"
 torch = pytest.importorskip("torch", reason=LEARN)
 pytest.importorskip("mujoco_warp", reason=GPU)
 
-from benchmarks.learning_gpu import PickScript, loop_gap  # noqa: E402  after the skip
+from benchmarks.learning_gpu import PickScript, loop_gap, rows  # noqa: E402  after the skip
 from trocar.learning.warp_env import TensorEncoder, WarpVectorEnv  # noqa: E402
 from trocar.learning.warp_scene import WarpScene  # noqa: E402
 
@@ -212,6 +212,13 @@ def test_scenes_that_cannot_run_are_rejected_with_the_reason():
 def test_settings_that_are_not_allowed_are_rejected(settings, message):
     with pytest.raises(InputError, match=message):
         WarpScene("needle-pick", **{"n": 2, "device": "cpu", "pool": 1, **settings})
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="there is a CUDA device")
+def test_figures_of_a_gpu_are_printed_as_not_measured_without_one():
+    found = rows()
+    assert found and all(value is None for _, value, _, _ in found)
+    assert all("not measured: no CUDA device" in figure for figure, _, _, _ in found)
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a CUDA device")

@@ -134,6 +134,7 @@ class WarpScene:
         limits, jaws: least and largest values of an action, (k,) each; columns that open jaws
         qpos, qvel, ctrl: of the physics, float32 views
         made: the model, with its addresses
+        world_bytes: size of the physics state of a world [bytes]
 
     Raises:
         MissingExtraError: PyTorch or MuJoCo Warp is not installed
@@ -174,7 +175,7 @@ class WarpScene:
         count = len(described.arms) + len(made.objects)
         nconmax, njmax = CONTACTS + count * CONTACTS_EACH, CONSTRAINTS + count * CONSTRAINTS_EACH
         with self._stream():
-            self._check_memory(nconmax, njmax)
+            self.world_bytes = self._check_memory(nconmax, njmax)
             self._model: Any = mjw.put_model(made.mj)
             self._model.opt.warn_overflow = 0
             self._data: Any = mjw.make_data(made.mj, nworld=n, nconmax=nconmax, njmax=njmax)
@@ -283,8 +284,10 @@ class WarpScene:
 
     @property
     def overflows(self) -> Tensor:
-        """Worlds with more contacts or constraints than there is room for, (n,) bool."""
-        return self._overflow != 0
+        """Worlds with more contacts or constraints than there was room for since their reset."""
+        kinds = mjw.OverflowType
+        iterations = int(kinds.ITERATIONS | kinds.LS_ITERATIONS)
+        return (self._overflow & ~iterations) != 0
 
     def _read(self) -> TensorReadings:
         q = self.measured()
@@ -505,19 +508,20 @@ class WarpScene:
                 f" {int((~fine).sum()) - 1} others; allowed: finite numbers"
             )
 
-    def _check_memory(self, nconmax: int, njmax: int) -> None:
-        """Reject more worlds than free memory holds, by the sizes of one and of two."""
+    def _check_memory(self, nconmax: int, njmax: int) -> int:
+        """Reject more worlds than free memory holds; return the size of one [bytes]."""
         one, two = (
             _size(mjw.make_data(self.made.mj, nworld=k, nconmax=nconmax, njmax=njmax))
             for k in (1, 2)
         )
-        free = _free_memory(self.device)
-        most = int(FILLED * free / max(two - one, 1))
+        free, each = _free_memory(self.device), two - one
+        most = FILLED * free / each
         if self.n > most:
             raise InputError(
-                f"WarpScene: got n={self.n}, of which a world takes {(two - one) / 2**20:.2f} MiB"
-                f" and {free / 2**30:.1f} GiB are free; allowed: up to {most}"
+                f"WarpScene: got n={self.n}, of which a world takes {each / 2**20:.2f} MiB"
+                f" and {free / 2**30:.1f} GiB are free; allowed: up to {int(most)}"
             )
+        return each
 
 
 class _WarpJaws:

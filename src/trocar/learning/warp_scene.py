@@ -182,6 +182,7 @@ class WarpScene:
         self.qpos, self.qvel, self.ctrl, self._sensed, self._overflow = (
             self._view(name) for name in ("qpos", "qvel", "ctrl", "sensordata", "overflow")
         )
+        self._fields = self._world_fields()
         self._read_model()
         world = self.task.world
         self._controller = TorchController(world, self.task.controller, self._table, n, device)
@@ -256,6 +257,7 @@ class WarpScene:
         self.broken = bad
         self.broken_count = self.broken_count + bad.sum()
         if bool(bad.any()):
+            self._clear(bad)
             reward = torch.where(bad, 0.0, self.reward)
             self.reset(bad)
             self.reward = reward
@@ -404,6 +406,24 @@ class WarpScene:
         """Return a field of the physics state as a tensor that shares its memory."""
         found: Tensor = wp.to_torch(getattr(self._data, name))
         return found
+
+    def _world_fields(self) -> list[Tensor]:
+        """Return the numbers that the physics keeps of each world, (n, ...) views."""
+        views: list[Tensor] = []
+        for field in [*_arrays(self._data), *_arrays(self._data.efc)]:
+            if field.shape[:1] == (self.n,) and field.capacity:
+                view: Tensor = wp.to_torch(field)
+                if view.is_floating_point():
+                    views.append(view)
+        return views
+
+    def _clear(self, mask: Tensor) -> None:
+        """Take what is not finite out of some worlds, (n,) bool.
+
+        `reset_data` leaves it in the rows of constraints, from where it comes back.
+        """
+        for view in self._fields:
+            view[mask] = torch.nan_to_num(view[mask], nan=0.0, posinf=0.0, neginf=0.0)
 
     def _tensor(self, values: object) -> Tensor:
         return torch.as_tensor(np.array(values, np.float64), device=self.device)
@@ -596,10 +616,16 @@ def _check_device(device: str) -> None:
     raise InputError(f"WarpScene: got device='cuda', but {why}; allowed: 'cpu', for tests")
 
 
+def _arrays(record: Any) -> list[Any]:
+    """Return the arrays of a record of Warp's."""
+    fields: dict[str, Any] = {**vars(record)}
+    return [field for field in fields.values() if isinstance(field, wp.array)]
+
+
 def _size(state: Any) -> int:
     """Return the memory of a state's arrays [bytes]."""
-    fields: dict[str, Any] = {**vars(state), **vars(state.contact)}
-    return sum(int(getattr(field, "capacity", 0)) for field in fields.values())
+    arrays = [*_arrays(state), *_arrays(state.contact), *_arrays(state.efc)]
+    return sum(int(array.capacity) for array in arrays)
 
 
 def _free_memory(device: str) -> float:

@@ -253,11 +253,15 @@ def measurements(
 
     Yields:
         figures of one run, or its error
+
+    Raises:
+        InputError: the device is not there
     """
     import torch
 
-    from trocar.learning.warp_scene import WarpScene
+    from trocar.learning.warp_scene import WarpScene, check_device
 
+    check_device(device)
     born = time.perf_counter()
     pick_in = min(worlds, key=lambda n: abs(n - 1024))
     for n in worlds:

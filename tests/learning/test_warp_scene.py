@@ -241,3 +241,24 @@ def test_a_library_that_is_not_installed_is_named_with_its_extra(monkeypatch, li
     monkeypatch.setitem(sys.modules, library, None)
     with pytest.raises(MissingExtraError, match=rf"needs {name}, .* pip install 'trocar\[gpu\]'"):
         importlib.import_module("trocar.learning.warp_env")
+
+
+@pytest.mark.slow
+def test_stable_baselines_trains_on_worlds_of_warp():
+    sb3 = pytest.importorskip("stable_baselines3", reason=LEARN)
+    from trocar.learning.warp_baselines import WarpVecEnv
+
+    env = WarpVectorEnv("ecm-reach", 2, device="cpu", max_steps=2, action_period=0.02)
+    worlds = WarpVecEnv(env)
+    assert worlds.observation_space.contains(worlds.reset()[1])
+    worlds.step_async(np.zeros((2, env.action_size)))
+    _, _, ended, infos = worlds.step_wait()
+    assert not ended.any() and infos == [{}, {}]
+    _, _, ended, infos = worlds.step(np.zeros((2, env.action_size)))
+    assert ended.all() and all(info["TimeLimit.truncated"] for info in infos)
+    assert infos[0]["terminal_observation"].shape == (env.observation_size,)
+    learner = sb3.PPO("MlpPolicy", worlds, n_steps=4, batch_size=4, n_epochs=1, seed=0)
+    before = [p.clone() for p in learner.policy.parameters()]
+    learner.learn(8)
+    after = list(learner.policy.parameters())
+    assert any(not torch.equal(a, b) for a, b in zip(before, after, strict=True))

@@ -156,7 +156,7 @@ class WarpScene:
         described = scene if isinstance(scene, Scene) else load_scene(scene)
         check_whole(n, "WarpScene: n", 1)
         check_whole(pool, "WarpScene: pool", 1)
-        _check_device(device)
+        check_device(device)
         if reason := warp_obstacle(described):
             raise InputError(f"{described.name}: cannot run on MuJoCo Warp: {reason}")
         self._steps = round(LOOK_S / timestep) if timestep > 0.0 else 0
@@ -599,8 +599,12 @@ def _cross(a: Tensor, b: Tensor) -> list[Tensor]:
     return [ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx]
 
 
-def _check_device(device: str) -> None:
-    """Reject devices that are not there."""
+def check_device(device: str) -> None:
+    """Reject devices that are not there.
+
+    Raises:
+        InputError: neither "cuda" nor "cpu", or no CUDA device; says what is missing
+    """
     if device not in DEVICES:
         raise InputError(f"WarpScene: got device={device!r}; allowed: {', '.join(DEVICES)}")
     if device == "cpu":

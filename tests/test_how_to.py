@@ -5,10 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shlex
-import sys
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -117,38 +114,3 @@ def test_a_system_of_the_page_takes_arms_from_ros_that_a_rig_of_the_page_serves(
     assert any(set(remote) <= names for names in served)
     for teleop in system["consoles"][0]["teleop_PSMs"]:
         assert {teleop["MTM"], teleop["PSM"]} <= set(arms)
-
-
-class Box:
-    """As much of Gymnasium's as the page uses."""
-
-    def __init__(self, low: Any, high: Any, shape: tuple[int, ...] = (), dtype: Any = None) -> None:
-        self.low, self.high, self.shape, self.dtype = low, high, shape, dtype
-
-    def sample(self) -> Any:
-        return self.high
-
-
-class Env:
-    """As much of Gymnasium's as the page uses."""
-
-    def reset(self, *, seed: int | None = None) -> None:
-        self.np_random = np.random.default_rng(seed)
-
-
-def test_the_environment_of_the_page_steps_a_scene_until_its_time_is_over(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    spaces = SimpleNamespace(Box=Box, Dict=dict)
-    monkeypatch.setitem(sys.modules, "gymnasium", SimpleNamespace(Env=Env, spaces=spaces))
-    names: dict[str, Any] = {}
-    exec(compile(blocks("train-a-policy.md", "py")[0], "train-a-policy.md", "exec"), names)
-    env, observation = names["env"], names["observation"]
-    assert env.task.time == pytest.approx(0.02)
-    assert {key: box.shape for key, box in env.observation_space.items()} == {
-        key: value.shape for key, value in observation.items()
-    }
-    env.task.world.step(round((env.task.scene.time_limit - 0.04) / env.task.world.timestep))
-    _, reward, terminated, truncated, info = env.step(env.task.stay())
-    assert (reward, terminated, truncated, info["done"]) == (0.0, False, True, True)
-    assert "PSM1" in capsys.readouterr().out

@@ -66,7 +66,7 @@ class Chain:
         solve: from T_0_last to joint positions
         nearest: the same for the solution nearest to a seed alone, quickly; None where there is no
             quicker way
-        nearest_many: the same for many poses; None where there is none
+        nearest_many: `nearest` of many poses at once, or None
         depth: of an instrument's wrist, a scope's tip, past the remote centre at insertion 0 [m]
     """
 

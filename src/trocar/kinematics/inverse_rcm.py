@@ -290,7 +290,7 @@ def nearest_rcm_arms(
     cosine = ux * bx[sides] + uy * by[sides] + uz * bz[sides]
     q5 = near(_each(atan2, sine, cosine), 4, at[sides])
     fits = ~np.isnan(q5)
-    sides, q3, q5, ux, uy, uz = (row[fits] for row in (sides, q3, q5, ux, uy, uz))
+    sides, q3, q5, ux, uy, uz = sides[fits], q3[fits], q5[fits], ux[fits], uy[fits], uz[fits]
     level = _each(hypot, ux, uz)
     undetermined[at[sides[level < SHAFT_ON_YAW_AXIS]]] = True
     yaw, pitch = _each(atan2, ux, -uz), _each(atan2, -uy, level)
@@ -298,7 +298,7 @@ def nearest_rcm_arms(
     sides, q3, q5 = np.repeat(sides, 2), np.repeat(q3, 2), np.repeat(q5, 2)
     q1, q2 = near(both[0], 0, at[sides]), near(both[1], 1, at[sides])
     fits = ~(np.isnan(q1) | np.isnan(q2))
-    sides, q1, q2, q3, q5 = (row[fits] for row in (sides, q1, q2, q3, q5))
+    sides, q1, q2, q3, q5 = sides[fits], q1[fits], q2[fits], q3[fits], q5[fits]
     s1, c1, s2, c2 = _each(sin, q1), _each(cos, q1), _each(sin, q2), _each(cos, q2)
     ex, ey, ez, worlds = ex[sides], ey[sides], ez[sides], at[sides]
     turn = _each(atan2, ex * s1 * s2 + ey * c2 - ez * c1 * s2, -ex * c1 - ez * s1)

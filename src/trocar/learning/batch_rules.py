@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions.scenes import Scene
 from trocar.geometry.rotations import matrix_from_quaternion
+from trocar.simulation.batch import Batch
 from trocar.tasks import Task
 from trocar.tasks.registry import task_class
 from trocar.tasks.scenes.dynamic import Pendulum
 from trocar.tasks.scenes.reach import ActiveTrack, Track
 from trocar.tasks.scenes.transfer import WallTransfer
-
-if TYPE_CHECKING:
-    from trocar.learning.scene_batch import SceneBatch
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -31,15 +30,43 @@ REPLACED = (
 )
 
 
+@dataclass(frozen=True, eq=False)
+class SeenWorlds:
+    """Worlds of a scene, as of the last look; a `SceneBatch` fills the arrays.
+
+    Attributes:
+        task: one world of the scene
+        physics: of all worlds
+        time: of each episode, (n,) [s]
+        tips: of the driven arms in the world, {arm: (n, 4, 4)}
+        objects: positions and quaternions of all objects, in the world's order, (n, O, 7)
+        drawn: places of goals that resets drew, in the world or in the object that they stand on,
+            (n, G, 3) [m]
+        places: of goals in the world, (n, G, 3) [m]
+    """
+
+    task: Task
+    physics: Batch
+    time: Array
+    tips: Mapping[str, Array]
+    objects: Array
+    drawn: Array
+    places: Array
+
+    def row(self, name: str) -> int:
+        """Return the row of an object."""
+        return list(self.task.world.objects).index(name)
+
+
 class BatchRules:
     """The rules of `Task`, which do nothing of their own.
 
     Args:
-        batch: whose worlds they judge
+        seen: the worlds that they judge
     """
 
-    def __init__(self, batch: SceneBatch) -> None:
-        self._batch = batch
+    def __init__(self, seen: SeenWorlds) -> None:
+        self._seen = seen
 
     def begin(self, which: Index) -> None:
         """Begin to count in some worlds, as `Task.begin`."""
@@ -53,11 +80,11 @@ class BatchRules:
         """
 
     def met(self, which: Index, met: Bools) -> Bools:  # noqa: ARG002
-        """Return which goals are met in some worlds, (k, G), from those met by the scene's file."""
+        """Judge goals in some worlds, (k, G), given those met by the scene's file."""
         return met
 
     def accomplished(self, which: Index, settled: Bools, late: Bools) -> Bools:  # noqa: ARG002
-        """Return in which worlds the episode ends with success now, as `Task.accomplished`, (k,)."""
+        """Judge whether episodes end with success now, as `Task.accomplished`, (k,)."""
         return settled
 
 
@@ -65,11 +92,11 @@ class TrackRules(BatchRules):
     """The rules of `Track`: optical axes pass near places that lie ahead."""
 
     def met(self, which: Index, met: Bools) -> Bools:
-        """Return which axes pass near."""
-        batch, found = self._batch, met.copy()
-        for k, goal in enumerate(batch.scene.goals):
-            T = batch.tips[goal.arm][which]
-            off = batch.places[which, k] - T[:, :3, 3]
+        """Judge whether axes pass near."""
+        seen, found = self._seen, met.copy()
+        for k, goal in enumerate(seen.task.scene.goals):
+            T = seen.tips[goal.arm][which]
+            off = seen.places[which, k] - T[:, :3, 3]
             x, y, z = np.moveaxis((off[:, None] @ T[:, :3, :3])[:, 0], 1, 0)
             found[:, k] = (z > 0.0) & (np.hypot(x, y) <= goal.radius)
         return found
@@ -78,32 +105,32 @@ class TrackRules(BatchRules):
 class ActiveTrackRules(TrackRules):
     """The rules of `ActiveTrack`: a target circles and stays in the middle most of the time."""
 
-    def __init__(self, batch: SceneBatch) -> None:
-        super().__init__(batch)
-        self._middle = np.zeros((batch.n, 3))
-        self._looks, self._good = np.zeros(batch.n, np.intp), np.zeros(batch.n, np.intp)
+    def __init__(self, seen: SeenWorlds) -> None:
+        super().__init__(seen)
+        self._middle = np.zeros((len(seen.time), 3))
+        self._looks, self._good = np.zeros((2, len(seen.time)), np.intp)
 
     def begin(self, which: Index) -> None:
         """Begin to count, with the target where the goal is."""
-        self._middle[which] = self._batch.drawn[which, 0]
+        self._middle[which] = self._seen.drawn[which, 0]
         self._looks[which] = self._good[which] = 0
 
     def measure(self, which: Index, holds: Mapping[str, Index]) -> None:  # noqa: ARG002
         """Move the target."""
-        angle = 2.0 * np.pi * self._batch.time[which] / ActiveTrack.TURN_S
+        angle = 2.0 * np.pi * self._seen.time[which] / ActiveTrack.TURN_S
         way = np.stack([np.cos(angle), np.sin(angle), np.zeros(len(which))], axis=1)
-        self._batch.drawn[which, 0] = self._middle[which] + ActiveTrack.CIRCLE_M * way
+        self._seen.drawn[which, 0] = self._middle[which] + ActiveTrack.CIRCLE_M * way
 
     def met(self, which: Index, met: Bools) -> Bools:
-        """Return which axes pass near, and count the looks at which they do."""
+        """Judge axes, and count the looks at which they pass near."""
         found = super().met(which, met)
-        counts = self._batch.time[which] > ActiveTrack.FIND_S
+        counts = self._seen.time[which] > ActiveTrack.FIND_S
         self._looks[which] += counts
         self._good[which] += counts & found[:, 0]
         return found
 
     def accomplished(self, which: Index, settled: Bools, late: Bools) -> Bools:  # noqa: ARG002
-        """Return where the time is over and the target was in the middle for most of it."""
+        """Judge whether the time is over and the target was in the middle for most of it."""
         return late & (self._good[which] >= ActiveTrack.SHARE * self._looks[which])
 
 
@@ -111,17 +138,17 @@ class PendulumRules(BatchRules):
     """The rules of `Pendulum`: it hangs at rest, away from the jaw."""
 
     def met(self, which: Index, met: Bools) -> Bools:
-        """Return which pendulums hang at rest."""
-        batch, found = self._batch, met.copy()
-        assert isinstance(batch.task, Pendulum)
-        for k, goal in enumerate(batch.scene.goals):
-            at = batch.objects[which, batch.names.index(goal.object)]
-            bob = at[:, :3] + matrix_from_quaternion(at[:, 3:]) @ batch.task.bob
-            apart = (batch.tips[batch.arms[0]][which, :3, 3] - bob)[:, :2]
+        """Judge whether pendulums hang at rest."""
+        seen, found = self._seen, met.copy()
+        middle = cast(Pendulum, seen.task).bob
+        for k, goal in enumerate(seen.task.scene.goals):
+            at = seen.objects[which, seen.row(goal.object)]
+            bob = at[:, :3] + matrix_from_quaternion(at[:, 3:]) @ middle
+            apart = (seen.tips[seen.task.arms[0]][which, :3, 3] - bob)[:, :2]
             alone = np.linalg.norm(apart, axis=1) > Pendulum.SIDE_M + 0.002
-            rate = batch.physics.object_rates(goal.object, which)[:, 0]
-            swings = np.abs(rate) * np.linalg.norm(batch.task.bob) > Pendulum.REST_M_S
-            off = bob - batch.places[which, k]
+            rate = seen.physics.object_rates(goal.object, which)[:, 0]
+            swings = np.abs(rate) * np.linalg.norm(middle) > Pendulum.REST_M_S
+            off = bob - seen.places[which, k]
             found[:, k] = alone & ~swings & (np.hypot(off[:, 0], off[:, 1]) <= goal.radius)
         return found
 
@@ -129,10 +156,11 @@ class PendulumRules(BatchRules):
 class WallTransferRules(BatchRules):
     """The rules of `WallTransfer`: a goal counts once its ring has been in both hands."""
 
-    def __init__(self, batch: SceneBatch) -> None:
-        super().__init__(batch)
+    def __init__(self, seen: SeenWorlds) -> None:
+        super().__init__(seen)
         #: Whether each object has been in each hand.
-        self._hands = np.zeros((batch.n, len(batch.names), len(batch.arms)), np.bool_)
+        shape = len(seen.time), len(seen.task.world.objects), len(seen.task.arms)
+        self._hands = np.zeros(shape, np.bool_)
 
     def begin(self, which: Index) -> None:
         """Forget the hands that rings have been in."""
@@ -140,13 +168,13 @@ class WallTransferRules(BatchRules):
 
     def measure(self, which: Index, holds: Mapping[str, Index]) -> None:
         """Note the hands that each ring has been in."""
-        for column, name in enumerate(self._batch.arms):
+        for column, name in enumerate(self._seen.task.arms):
             some = np.flatnonzero(holds[name] >= 0)
             self._hands[which[some], holds[name][some], column] = True
 
     def met(self, which: Index, met: Bools) -> Bools:
-        """Return which rings are at their goals after both arms have held them."""
-        rows = [self._batch.names.index(goal.object) for goal in self._batch.scene.goals]
+        """Judge whether rings are at their goals after both arms have held them."""
+        rows = [self._seen.row(goal.object) for goal in self._seen.task.scene.goals]
         return met & self._hands[which][:, rows].all(axis=2)
 
 
@@ -169,7 +197,7 @@ def batch_rules(kind: type[Task]) -> type[BatchRules] | None:
 
 
 def obstacle(scene: Scene) -> str:
-    """Return why a scene cannot run in a batch; "" where it can.
+    """Return the reason that keeps a scene out of batches; "" if none does.
 
     Raises:
         UnknownNameError, InputError: as `task_class`

@@ -7,7 +7,7 @@ nothing heavy.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, cast
 
 from trocar.errors import MissingExtraError, UnknownNameError
 
@@ -115,7 +115,7 @@ def register() -> None:
         from gymnasium.envs import registration
     except ImportError:
         raise MissingExtraError("gymnasium", "gym", "an environment") from None
-    add: Any = registration.register  # pyright: ignore[reportUnknownMemberType]  untyped kwargs
+    add = cast(Any, registration).register
     for name, settings in IDS.items():
         if name not in registration.registry:
             add(

@@ -14,14 +14,15 @@ from trocar.descriptions.catalogue import load_scene
 from trocar.descriptions.scenes import Scene
 from trocar.errors import InputError
 from trocar.geometry.rotations import (
-    matrix_from_quaternion,
     matrices_from_rotation_vectors,
+    matrix_from_quaternion,
     quaternion_from_matrix,
 )
 from trocar.geometry.se3 import inverse
 from trocar.kinematics.chain_pose import chain_pose
 from trocar.kinematics.inverse import nearest_solutions
-from trocar.learning.batch_rules import batch_rules, obstacle
+from trocar.learning.batch_rules import SeenWorlds, batch_rules, obstacle
+from trocar.learning.images import SceneCamera, SceneView
 from trocar.learning.readings import NOTHING, SceneReadings
 from trocar.simulation.arm import Arm
 from trocar.simulation.batch import Batch
@@ -42,7 +43,7 @@ DOWN = np.diag([1.0, -1.0, -1.0])
 
 
 @dataclass(frozen=True, eq=False)
-class _Driven:
+class _BatchArm:
     """An arm that actions drive: its part of an action, its rows of joints, and its kinematics.
 
     Attributes:
@@ -98,11 +99,6 @@ class SceneBatch:
         success, failed, late: how episodes ended: with success, failure, or the time over, (n,)
         drops: objects dropped so far, (n,)
         met_count: goals that are met, those of earlier stages included, (n,)
-        time: of each episode, as of the last look, (n,) [s]
-        tips: of the driven arms in the world, then, {arm: (n, 4, 4)}
-        objects: positions and quaternions of all objects, then, (n, O, 7); rows follow `names`
-        drawn: places of goals that resets drew, in the world or in what they stand on, (n, G, 3)
-        places: of goals in the world, as of the last look, (n, G, 3) [m]
 
     Raises:
         InputError: n or threads is no whole number above 0, memory cannot hold so many worlds, or
@@ -123,7 +119,7 @@ class SceneBatch:
         self.physics = Batch(world, n, threads=threads, watch=True)
         self.n, self._count = self.physics.n, round(PERIOD_S / (EVERY * world.timestep))
         self._seeding = np.random.default_rng(seed)
-        self._driven: dict[str, _Driven] = {}
+        self._driven: dict[str, _BatchArm] = {}
         for name in self.arms:
             begin = max((one.part.stop for one in self._driven.values()), default=0)
             self._driven[name] = self._drive(name, begin)
@@ -148,7 +144,7 @@ class SceneBatch:
         rules = batch_rules(type(self.task))
         if rules is None:  # `obstacle` has said so
             raise InputError(f"SceneBatch: {found.name}: no rules of {type(self.task).__name__}")
-        self.rules = rules(self)
+        self._rules = rules(self._seen)
         self.reset()
 
     # ------------------------------------------------------------------ time
@@ -160,7 +156,7 @@ class SceneBatch:
 
     def reset(
         self, mask: ArrayLike | None = None, seeds: Sequence[int] | ArrayLike | None = None
-    ) -> SceneReadings:
+    ) -> None:
         """Begin episodes, each a function of its seed.
 
         Args:
@@ -187,7 +183,6 @@ class SceneBatch:
         if len(which):
             self._place(which, drawn)
             self._begin(which)
-        return self.readings
 
     def command(self, actions: ArrayLike) -> Array:
         """Drive all arms for one period of 20 ms and return the rewards, (n,).
@@ -229,6 +224,10 @@ class SceneBatch:
             self._look(which)
         return self.reward.copy()
 
+    def truncate(self, mask: Bools) -> None:
+        """End episodes that run on, as their time is over by other rules, (n,)."""
+        self.late |= mask & ~self.over
+
     # ------------------------------------------------------------------ looking
 
     @property
@@ -242,25 +241,40 @@ class SceneBatch:
         if self._readings is None:
             shown, setpoints = self._shown, self.physics.setpoints
             self._readings = SceneReadings(
-                time=self.time.copy(),
-                tips={name: self.tips[name].copy() for name in self._psms},
+                time=self._seen.time.copy(),
+                tips={name: self._seen.tips[name].copy() for name in self._psms},
                 targets={name: self._targets[name].copy() for name in self._psms},
                 q={name: self._q[:, d.rows].copy() for name, d in self._driven.items()},
                 v={name: self._qd[:, d.rows].copy() for name, d in self._driven.items()},
                 setpoints={name: setpoints[:, d.rows] for name, d in self._driven.items()},
                 objects={
-                    name: self.objects[:, row].copy()
+                    name: self._seen.objects[:, row].copy()
                     for row, name in enumerate(self.names)
                     if name not in self._hidden
                 },
                 held={name: self._held_by(name, self._all) for name in self._psms},
                 names=self.names,
                 stalled={name: self._stalled[name].copy() for name in self._psms},
-                goals=self.places[:, shown],
+                goals=self._seen.places[:, shown],
                 achieved=self._achieved[:, shown],
                 met=self._met[:, shown],
             )
         return self._readings
+
+    def images(self, worlds: Sequence[int], camera: SceneCamera | SceneView) -> NDArray[np.uint8]:
+        """Return images of some worlds, (k, height, width, channels); one renderer draws all.
+
+        Args:
+            worlds: their numbers
+            camera: of `task`
+        """
+        shown = self.task.world.mj_data.qpos
+        kept, found = shown.copy(), list[NDArray[np.uint8]]()
+        for world in worlds:
+            self.physics.show(world, shown)
+            found.append(camera.capture())
+        shown[:] = kept
+        return np.stack(found)
 
     def idle(self) -> Array:
         """Return the actions that hold all arms, (n, k)."""
@@ -272,7 +286,7 @@ class SceneBatch:
 
     # ------------------------------------------------------------------ construction
 
-    def _drive(self, name: str, begin: int) -> _Driven:
+    def _drive(self, name: str, begin: int) -> _BatchArm:
         """Return an arm, whose part of an action begins there."""
         world, controller = self.task.world, self.task.controller
         arm, index = world.arms[name], world.joints.arms[name]
@@ -281,7 +295,7 @@ class SceneBatch:
         start = controller.target(name) if psm else arm.measured_cp("world").matrix
         own = joints[:-1] if psm else joints
         part = slice(begin, begin + (7 if psm else len(joints)))
-        return _Driven(
+        return _BatchArm(
             arm,
             part,
             index.rows,
@@ -322,17 +336,23 @@ class SceneBatch:
         self.success, self.failed, self.late = (np.zeros(n, np.bool_) for _ in range(3))
         self.met_count, self._stage = np.zeros(n, np.intp), np.zeros(n, np.intp)
         self._settling, self._floor = np.full(n, np.nan), np.zeros(n)
-        self.time = np.zeros(n)
         self._joints = np.tile(self._start, (n, 1))
         self._velocities = np.zeros_like(self._joints)
         self._q, self._qd = np.zeros_like(self._joints), np.zeros_like(self._joints)
-        self.tips = {name: np.tile(np.eye(4), (n, 1, 1)) for name in self.arms}
         self._targets = {name: np.tile(np.eye(4), (n, 1, 1)) for name in self._psms}
         self._stalled = {name: np.zeros(n, np.bool_) for name in self._psms}
-        self.objects, self._fell_from = np.zeros((n, count, 7)), np.full((n, count), np.nan)
+        self._fell_from = np.full((n, count), np.nan)
         self._held = np.zeros((n, count), np.bool_)
-        self.drawn, self.places = np.zeros((n, goals, 3)), np.zeros((n, goals, 3))
         self._achieved, self._met = np.zeros((n, goals, 3)), np.zeros((n, goals), np.bool_)
+        self._seen = SeenWorlds(
+            task=self.task,
+            physics=self.physics,
+            time=np.zeros(n),
+            tips={name: np.tile(np.eye(4), (n, 1, 1)) for name in self.arms},
+            objects=np.zeros((n, count, 7)),
+            drawn=np.zeros((n, goals, 3)),
+            places=np.zeros((n, goals, 3)),
+        )
         self._readings: SceneReadings | None = None
 
     # ------------------------------------------------------------------ a reset
@@ -347,11 +367,10 @@ class SceneBatch:
             if placed:
                 T = np.stack(list(placed.values()))
                 at = np.concatenate([T[:, :3, 3], quaternion_from_matrix(T[:, :3, :3])], axis=1)
-                for name, row in zip(placed, at, strict=True):
-                    physics.place(world, name, row)
+                physics.place(world, tuple(placed), at)
             draws = rng.uniform(-1.0, 1.0, self._spread.shape)
-            self.drawn[world] = self._goal_at + self._spread * draws
-        self.objects[which] = physics.object_poses(which)
+            self._seen.drawn[world] = self._goal_at + self._spread * draws
+        self._seen.objects[which] = physics.object_poses(which)
         places = self._goal_places(which)
         self._floor[which] = places[:, :, 2].min(axis=1) - LOST_M
         self.seeds[which] = seeds
@@ -359,16 +378,19 @@ class SceneBatch:
 
     def _check_reach(self, which: Index, places: Array) -> None:
         """Reject the first seed with a place out of reach, as the task does."""
-        props = self.objects[which][:, self._put, :3]
-        at = np.concatenate([props, places[:, self._reached]], axis=1)
-        T = np.tile(np.eye(4), (*at.shape[:2], 1, 1))
-        T[:, :, :3, :3], T[:, :, :3, 3] = DOWN, at
-        fine = ~self._reachers.any(axis=0) | np.zeros(at.shape[:2], np.bool_)
+        at = np.concatenate(
+            [self._seen.objects[which][:, self._put, :3], places[:, self._reached]], axis=1
+        )
+        fine = np.zeros(at.shape[:2], np.bool_)
+        fine[:] = ~self._reachers.any(axis=0)
         for may, name in zip(self._reachers, self._psms, strict=True):
-            driven = self._driven[name]
-            near = np.tile(self._start[driven.rows][:-1], (at.shape[0] * at.shape[1], 1))
-            found = self._inverse(driven, T.reshape(-1, 4, 4), near)
-            fine |= may & ~np.isnan(found[:, 0]).reshape(fine.shape)
+            todo = may & ~fine
+            if not todo.any():
+                continue
+            driven, T = self._driven[name], np.zeros((int(todo.sum()), 4, 4))
+            T[:, :3, :3], T[:, :3, 3], T[:, 3, 3] = DOWN, at[todo], 1.0
+            near = np.broadcast_to(self._start[driven.rows][:-1], (len(T), 6))
+            fine[todo] = ~np.isnan(self._inverse(driven, T, near)[:, 0])
         if not (reached := fine.all(axis=1)).all():
             try:
                 self.task.reset(int(self.seeds[which[np.argmin(reached)]]))
@@ -386,7 +408,7 @@ class SceneBatch:
         self._held[which] = False
         for ending in (self.success, self.failed, self.late):
             ending[which] = False
-        self.rules.begin(which)
+        self._rules.begin(which)
         self._look(which)
         self.reward[which] = 0.0
 
@@ -457,7 +479,7 @@ class SceneBatch:
             todo, twist = todo[again], twist[again] * (SLOWED / haste[again])[:, None]
         return found, stalled
 
-    def _inverse(self, driven: _Driven, T: Array, near: Array) -> Array:
+    def _inverse(self, driven: _BatchArm, T: Array, near: Array) -> Array:
         """Return joint positions nearest to others with tips at poses in the world, (k, j)."""
         arm = driven.arm.description
         structure = arm.inverse_kinematics
@@ -467,9 +489,9 @@ class SceneBatch:
 
     def _goal_places(self, which: Index) -> Array:
         """Return the places of goals in the world now, without what they are beside, (k, G, 3)."""
-        places = self.drawn[which]
+        places = self._seen.drawn[which]
         if (riding := self._on >= 0).any():
-            at = self.objects[which][:, self._on[riding]]
+            at = self._seen.objects[which][:, self._on[riding]]
             turned = matrix_from_quaternion(at[..., 3:]) @ places[:, riding, :, None]
             places[:, riding] = turned[..., 0] + at[..., :3]
         return places
@@ -484,14 +506,14 @@ class SceneBatch:
     def _look(self, which: Index) -> None:
         """Read and judge some worlds, as `Referee` does."""
         self._readings = None
-        self.time[which] = self.physics.times()[which]
+        self._seen.time[which] = self.physics.times()[which]
         self._q[which], self._qd[which] = self.physics.motion(which)
         for name, driven in self._driven.items():
-            self.tips[name][which] = driven.tips(self._q[which][:, driven.rows])
-        objects = self.objects[which] = self.physics.object_poses(which)
+            self._seen.tips[name][which] = driven.tips(self._q[which][:, driven.rows])
+        objects = self._seen.objects[which] = self.physics.object_poses(which)
         holds = {name: self._held_by(name, which) for name in self._psms}
         self._count_drops(which, objects, holds)
-        self.rules.measure(which, holds)
+        self._rules.measure(which, holds)
         met = self._met[which] = self._judged_goals(which, objects, holds)
         self._judge(which, met)
 
@@ -509,7 +531,7 @@ class SceneBatch:
         self._fell_from[which] = np.where(fell, np.nan, fell_from)
 
     def _judged_goals(self, which: Index, objects: Array, holds: dict[str, Index]) -> Bools:
-        """Return which goals are met in some worlds, (k, G)."""
+        """Judge goals in some worlds and return those that are met, (k, G)."""
         places = self._goal_places(which)
         achieved = np.empty_like(places)
         allowed = np.ones(places.shape[:2], np.bool_)
@@ -517,22 +539,22 @@ class SceneBatch:
         for k, goal in enumerate(self.scene.goals):
             row = int(self._goal_object[k])
             if self._of_tip[k]:
-                achieved[:, k] = self.tips[goal.arm][which][:, :3, 3]
+                achieved[:, k] = self._seen.tips[goal.arm][which][:, :3, 3]
                 if goal.object:
                     places[:, k] += objects[:, row, :3]
             else:
                 achieved[:, k] = objects[:, row, :3]
                 holding = holds[goal.arm] == row if goal.arm else held[:, row]
                 allowed[:, k] = holding == goal.held
-        self.places[which], self._achieved[which] = places, achieved
+        self._seen.places[which], self._achieved[which] = places, achieved
         off = achieved - places
         near = np.hypot(off[:, :, 0], off[:, :, 1]) <= self._radius
         near &= np.abs(off[:, :, 2]) <= self._height
-        return self.rules.met(which, near & allowed)
+        return self._rules.met(which, near & allowed)
 
     def _judge(self, which: Index, met: Bools) -> None:
         """Count goals and end episodes."""
-        stage, time = self._stage[which][:, None], self.time[which]
+        stage, time = self._stage[which][:, None], self._seen.time[which]
         earlier, now = self._stages < stage, self._stages == stage
         count = (earlier | (now & met)).sum(axis=1)
         self.reward[which] = (count - self.met_count[which]) / len(self._stages)
@@ -547,11 +569,11 @@ class SceneBatch:
         self._settling[which] = np.where(goes_on, np.nan, settling)
         settled &= ~goes_on
         late = time >= self.scene.time_limit - ROUNDING_S
-        success = self.rules.accomplished(which, settled, late)
+        success = self._rules.accomplished(which, settled, late)
         fault = np.zeros(len(which), np.bool_)
         for driven in self._driven.values():
             fault |= self.physics.tripped[which][:, driven.rows].any(axis=1)
-        lost = (self.objects[which][:, :, 2] < self._floor[which][:, None]).sum(axis=1)
+        lost = (self._seen.objects[which][:, :, 2] < self._floor[which][:, None]).sum(axis=1)
         lost[success | fault] = 0
         self.drops[which] += lost
         failed = ~success & (fault | (lost > 0))
@@ -559,12 +581,21 @@ class SceneBatch:
         self.late[which] = late & ~success & ~failed
 
 
+def free_memory() -> int:
+    """Return the memory that new worlds may take [bytes]."""
+    table = Path("/proc/meminfo")
+    for line in table.read_text("ascii").splitlines() if table.exists() else ():
+        if line.startswith("MemAvailable:"):
+            return 1024 * int(line.split()[1])
+    return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2
+
+
 def _check_memory(n: int, task: Task) -> None:
     """Reject a number of worlds that memory cannot hold."""
     if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 1:  # pyright: ignore[reportUnnecessaryIsInstance]  public input
         raise InputError(f"SceneBatch: got n={n!r}; allowed: a whole number above 0")
     each = int(task.world.mj_data.nbuffer) + TOUCHED_BYTES
-    free = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    free = free_memory()
     if n * each > free:
         raise InputError(
             f"SceneBatch: {task.scene.name}: got n={n}, which takes {n * each / 1e9:.1f} GB;"

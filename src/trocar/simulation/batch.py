@@ -161,6 +161,8 @@ class Batch:
         self._qpos, self._qvel = self._rows.bind("qpos"), self._rows.bind("qvel")
         self._warmstart = self._rows.bind("qacc_warmstart")
         self._objects = ObjectKinematics(self.rig, self._model)
+        self._springs: list[Springs] = []
+        self._errors: list[ReadingErrors] = []
         self._drives, self._trains = world.part(Drivetrains).drives, first.parts.get("drives")
         if self._drives is not None and self._trains is not None:
             own = [self._expanded(name) for name in SPRING_FIELDS]
@@ -176,7 +178,6 @@ class Batch:
         #: Positions, velocities and efforts of the set-points, (n, J, 3): a view of `ctrl`, where
         #: there are no errors.
         self._inputs = self._ctrl.reshape(self.n, len(self.names), INPUTS)
-        self._errors: list[ReadingErrors] = []
         self._error_state: Mapping[str, Any] = {"registration": {}}
         if world.errors is not None and "errors" in first.parts:
             self._inputs = np.zeros(self._inputs.shape)
@@ -246,23 +247,24 @@ class Batch:
         self.tripped[worlds], self._tracked[:, worlds] = False, np.nan
         if self.grasps is not None:
             self.grasps.forget(worlds)
-        for world in worlds.tolist() if self._errors else ():
+        numbers: list[int] = worlds.tolist()
+        for world in numbers if self._errors else ():
             self._errors[world].load(self._error_state)
         if self._drives is not None and self._trains is not None:
-            for world in worlds.tolist():
+            for world in numbers:
                 self._drives.load(self._springs[world], self._trains)
 
-    def place(self, world: int, name: str, at: Array) -> None:
-        """Put a free object somewhere in one world, at rest, after it was put back.
+    def place(self, world: int, names: Sequence[str], at: Array) -> None:
+        """Put free objects somewhere in one world, at rest, after it was put back.
 
         Args:
             world: its number
-            name: of the object, which is no thread
-            at: position and quaternion wxyz in the world, (7,)
+            names: of the objects, none of them a thread
+            at: position and quaternion wxyz of each in the world, (k, 7)
         """
-        row = self._objects.joints[self._objects.names.index(name)]
-        self._qpos[world, row.qpos] = at
-        self._qvel[world, row.qvel] = self._warmstart[world, row.qvel] = 0.0
+        places, rates = self._objects.free_rows(names)
+        self._qpos[world, places] = at
+        self._qvel[world, rates] = self._warmstart[world, rates] = 0.0
 
     def step(
         self, setpoints: ArrayLike | Mapping[str, ArrayLike] | None = None, n: int = 1
@@ -332,7 +334,8 @@ class Batch:
             if self.grasps is not None and (due := periods % self.grasps.every == 0).any():
                 self.grasps.look(which[due])
             if self._drives is not None:
-                for world in which[periods % self._drives.every == 0].tolist():
+                numbers: list[int] = which[periods % self._drives.every == 0].tolist()
+                for world in numbers:
                     self._drives.renew(self._qpos[world], self._springs[world])
             for world in which.tolist() if self._errors else ():
                 if self.periods[world] % self._errors[world].every == 0:
@@ -368,6 +371,10 @@ class Batch:
     def object_rates(self, name: str, worlds: Index) -> Array:
         """Return the rates of an object's joint in some worlds, (k, w) [rad/s or m/s]."""
         return self._qvel[worlds, self._objects.joints[self._objects.names.index(name)].qvel]
+
+    def show(self, world: int, qpos: Array) -> None:
+        """Write the coordinates of a world into those of another MjData of the model, (nq,)."""
+        qpos[:] = self._qpos[world]
 
     def times(self) -> Array:
         """Return the time of each world, (n,) [s]."""
@@ -520,7 +527,7 @@ class Batch:
         local = self.local_tips(self._inputs[:, :, 0])
         goals = inverse(self._base(name, local)) @ check_transform(T)
         found = nearest_solutions(arm.mechanism, arm.inverse_kinematics, goals, positions[:, own])
-        rejected = np.isnan(found).any(axis=1)
+        rejected = np.isnan(found[:, 0])
         positions[~rejected, own] = found[~rejected]
         return rejected
 
@@ -540,8 +547,9 @@ class Batch:
         """Look at tracking errors in some worlds, as `Tracking` does."""
         setpoint = self._inputs[worlds, :, 0]
         q = self._qpos[worlds] @ self._table.drive.T
-        for errors, row in zip(worlds.tolist(), q, strict=True) if self._errors else ():
-            row += self._errors[errors].error
+        if self._errors:
+            numbers: list[int] = worlds.tolist()
+            q += np.array([self._errors[world].error for world in numbers])
         was, wanted = self._tracked[:, worlds]
         stepped = (np.abs(setpoint - wanted) > STEP).any(axis=1)  # never of NaN
         self._tracked[0, worlds], self._tracked[1, worlds] = q, setpoint
@@ -551,7 +559,7 @@ class Batch:
         self.tripped[worlds] |= beyond
 
     def _beyond(self, error: Array) -> NDArray[np.bool_]:
-        """Return which actuators have errors beyond what is allowed, (k, J), from joints' errors."""
+        """Judge whether actuators are farther off than allowed, by errors of joints, (k, J)."""
         found: NDArray[np.bool_] = np.abs(error @ self._actuators.T) > self._table.tolerance
         return found
 

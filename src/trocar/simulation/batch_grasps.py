@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from typing import cast
 
 import mujoco
 import numpy as np
@@ -27,7 +27,7 @@ Index = NDArray[np.intp]
 #: Contacts of a finger with an object that a sensor reads, those with the largest forces. Source:
 #: measured on the scripted policies of all scenes: 5 at most.
 CONTACTS = 8
-#: What it reads of each: force in the contact's axes, normal first, and the normal in the world.
+#: Readings of each contact: force in the contact's axes, normal first, and the normal in the world.
 DATA = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE) | 1 << int(
     mujoco.mjtConDataField.mjCONDATA_NORMAL
 )
@@ -64,8 +64,10 @@ def sensed_model(model: RigModel, compiled: mujoco.MjModel) -> mujoco.MjModel:
     made = spec.compile()
     for owner, kept in ((made, compiled), (made.opt, compiled.opt)):
         for field in dir(kept):
-            values, own = getattr(kept, field), getattr(owner, field)
-            if isinstance(values, np.ndarray) and values.shape == own.shape and own.flags.writeable:
+            if not isinstance(getattr(owner, field), np.ndarray):
+                continue
+            values, own = (cast(Array, getattr(one, field)) for one in (kept, owner))
+            if own.flags.writeable and own.shape == values.shape:
                 own[...] = values
     made.opt.disableactuator = compiled.opt.disableactuator
     return made
@@ -93,7 +95,7 @@ class BatchGrasps:
         timestep, count = float(compiled.opt.timestep), len(self.objects)
         self.every = max(1, round(PERIOD_S / timestep))
         self._enough = max(1, round(PRESSED_S / (timestep * self.every)))
-        shape = rows.nsim, len(jaws), 2, count, CONTACTS, WIDTH
+        shape: tuple[int, ...] = rows.nsim, len(jaws), 2, count, CONTACTS, WIDTH
         used = int(np.prod(shape[1:]))
         first = int(compiled.nsensordata) - used  # added last
         self._sensed: Array = rows.bind("sensordata")[:, first:]
@@ -111,7 +113,7 @@ class BatchGrasps:
         self.held[worlds] = self._holds[worlds] = NOTHING
         self._looks[worlds] = 0
 
-    def look(self, worlds: Index | Sequence[int] | slice) -> None:
+    def look(self, worlds: Index) -> None:
         """Take hold and let go in some worlds, as contacts of the last step tell."""
         sensed = self._sensed[worlds]
         if not sensed.any() and not (self._looks.any() or (self._holds >= 0).any()):
@@ -122,7 +124,7 @@ class BatchGrasps:
         faces = np.einsum("nasij,asj->nasi", self._turns[worlds][:, self._fingers], self._faces)
         pushes = np.abs(force * np.einsum("nasock,nask->nasoc", normal, faces)).sum(axis=-1)
         weaker = pushes.min(axis=2)
-        each = np.arange(len(sensed))[:, None], np.arange(weaker.shape[1])
+        each = np.arange(len(sensed))[:, None], np.arange(len(self.arms))
         holds, looks = self._holds[worlds], self._looks[worlds]
         free = holds < 0
         looks = np.where((weaker > PRESS_N) & free[..., None], looks + 1, 0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -96,6 +97,11 @@ class ObjectKinematics:
         if len(self._free) == len(self.joints):
             return free
         return self._poses(free, self._matrices(qpos))
+
+    def free_rows(self, names: Sequence[str]) -> tuple[Index, Index]:
+        """Return the rows of free objects in `qpos` and `qvel`, (k, 7) and (k, 6)."""
+        rows = [self._free.index(self.names.index(name)) for name in names]
+        return self._places[rows], self._rates[rows]
 
     def motion(self, qpos: Array, qvel: Array) -> tuple[Array, Array]:
         """Return the same poses, and velocity of each origin and spin in its own axes, (n, 6).

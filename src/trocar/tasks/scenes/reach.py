@@ -130,10 +130,10 @@ class ActiveTrack(Track):
         return late and self._good >= self.SHARE * self._looks
 
 
-class Level(Reach):
+class Upright(Reach):
     """The endoscope rolls until its picture is upright; a reset turns all of its joints."""
 
-    task = "level"
+    task = "upright"
 
     #: Largest tilt of an upright picture; tilts at the beginning, and the other joints about the
     #: start pose. Source: our own choice; SurRoL asks for 0.01 rad. [rad, rad, rad and m]

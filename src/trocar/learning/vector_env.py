@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from trocar.descriptions.records import GraspKind
 from trocar.descriptions.scenes import Scene
 from trocar.errors import InputError, MissingExtraError, UnknownNameError
 from trocar.inputs import check_whole, shown
@@ -39,7 +40,7 @@ class SceneVectorEnv(VectorEnv[Any, Any, Any]):
     Args:
         scene: a scene, its name, or the path of its file
         num_envs: number of worlds
-        threads: CPU threads; None: one for each CPU
+        threads, grasp: as of `SceneBatch`
         autoreset_mode: when episodes that ended begin anew: in the next step, in the same, or in
             `reset` with the option "reset_mask"
         render_mode: as of `SceneEnv`; None: `render` returns None
@@ -60,6 +61,7 @@ class SceneVectorEnv(VectorEnv[Any, Any, Any]):
         num_envs: int = 1,
         *,
         threads: int | None = None,
+        grasp: GraspKind = "friction",
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
         **settings: Any,
@@ -72,7 +74,7 @@ class SceneVectorEnv(VectorEnv[Any, Any, Any]):
         )
         if chosen not in modes:
             raise UnknownNameError("autoreset_mode", chosen, modes)
-        self.batch = SceneBatch(scene, num_envs, threads=threads)
+        self.batch = SceneBatch(scene, num_envs, threads=threads, grasp=grasp)
         self.env = env = TaskEnv(self.batch.task, **settings)
         self.num_envs, self.render_mode = self.batch.n, render_mode
         self._autoreset = modes[chosen]
@@ -92,7 +94,9 @@ class SceneVectorEnv(VectorEnv[Any, Any, Any]):
         if env.settings["obs"] == "goal":  # its presence marks an environment with goals
             self.compute_reward = env.compute_reward
         self._steps = np.zeros(self.num_envs, np.intp)
-        self._seeds = [np.random.default_rng() for _ in range(self.num_envs)]
+        self._seeds: list[np.random.Generator] = [
+            np.random.default_rng() for _ in range(self.num_envs)
+        ]
         self._view: SceneView | None = None
 
     # ------------------------------------------------------------------ episodes
@@ -200,14 +204,13 @@ class SceneVectorEnv(VectorEnv[Any, Any, Any]):
     def _begin(self, which: Bools, seeds: Sequence[int | None]) -> None:
         """Begin episodes; of worlds without a seed, with the next of theirs."""
         drawn: list[int] = []
-        numbers: list[int] = np.flatnonzero(which).tolist()
-        for world in numbers:
-            seed = seeds[world]
-            if seed is None:
-                drawn.append(int(self._seeds[world].integers(2**31)))
-            else:
+        begins: list[bool] = which.tolist()
+        for world, seed in enumerate(seeds):
+            if begins[world] and seed is not None:
                 self._seeds[world] = np.random.default_rng(seed)
-                drawn.append(seed)
+            if begins[world]:
+                rng: np.random.Generator = self._seeds[world]
+                drawn.append(int(rng.integers(2**31)) if seed is None else seed)
         self.batch.reset(which, np.array(drawn, np.int64))
         self._steps[which] = 0
 
@@ -246,8 +249,8 @@ class SceneVectorEnv(VectorEnv[Any, Any, Any]):
         """Return the last observations and infos of episodes that ended in this step."""
         over, seen = self.batch.over, self._observe()
         last = np.full(self.num_envs, None, object)
-        space: Any = self.observation_space
-        for world, one in enumerate(iterate(space, seen)):
+        rows: Any = iterate(batch_space(observation_space(self.env), self.num_envs), seen)
+        for world, one in enumerate(rows):
             last[world] = one if over[world] else None
         kept = {key: rows.copy() for key, rows in info.items() if not key.startswith("_")}
         final = {**kept, **{f"_{key}": over for key in kept}}

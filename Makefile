@@ -126,7 +126,7 @@ cad: .venv/.ready-cad ## draw the links' solids again (ARGS="--only psm")
 	$(BIN)/python -m tools.cad -o src/trocar/descriptions/data/solids $(ARGS)
 
 docs: .venv/.ready-docs ## build the documentation into site/, an API reference among it
-	for page in command_line descriptions topics scenes errata calls; do $(BIN)/python tools/docs/$$page.py || exit; done
+	for page in command_line descriptions topics scenes learning_scenes errata calls; do $(BIN)/python tools/docs/$$page.py || exit; done
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 	@echo "site/index.html is the documentation."
 

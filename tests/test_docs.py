@@ -148,6 +148,7 @@ def test_the_readme_moves_an_arm_in_python(capsys: pytest.CaptureFixture[str]) -
         ("command-line.md", "command_line.py"),
         ("descriptions.md", "descriptions.py"),
         ("errata.md", "errata.py"),
+        ("learning-scenes.md", "learning_scenes.py"),
         ("scene-list.md", "scenes.py"),
         ("script-calls.md", "calls.py"),
         ("topic-list.md", "topics.py"),

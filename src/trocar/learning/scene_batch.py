@@ -6,13 +6,15 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.descriptions.catalogue import load_scene
+from trocar.descriptions.records import GraspKind
 from trocar.descriptions.scenes import Scene
-from trocar.errors import InputError
+from trocar.errors import InputError, UnknownNameError
 from trocar.geometry.rotations import (
     matrices_from_rotation_vectors,
     matrix_from_quaternion,
@@ -39,6 +41,8 @@ Index = NDArray[np.intp]
 #: Memory of a world beside MuJoCo's buffer: what its solver touches, and what is read from it.
 #: Source: measured on needle-pick, bi-peg-transfer and peg-board: 0.26 to 0.42 MB. [bytes]
 TOUCHED_BYTES = 500_000
+#: Models of grasps.
+GRASPS: tuple[GraspKind, ...] = get_args(GraspKind)
 #: The orientation of a tip that points straight down.
 DOWN = np.diag([1.0, -1.0, -1.0])
 
@@ -78,8 +82,8 @@ class _BatchArm:
 class SceneBatch:
     """n worlds of one scene: actions in, readings out; each moves as the scene's task does.
 
-    A world of the batch with a seed and actions is a `Task` with them whose rig has the model of
-    grasps "friction": the same motion to the last bit, the same grasps, rewards and endings. Two
+    A world of the batch with a seed and actions is a `Task` with them whose rig has that model of
+    grasps: the same motion to the last bit, the same grasps, rewards and endings. Two
     differences remain: in the period in which an arm goes into FAULT, its servos go on; and a batch
     counts no forces and paths, which only scores have.
 
@@ -90,6 +94,8 @@ class SceneBatch:
         n: number of worlds
         threads: CPU threads; None: one for each CPU
         seed: of the seeds that resets draw
+        grasp: model of grasps, "friction" or "friction+stick", which costs time for every world
+            that holds something
 
     Attributes:
         task: one world of the scene, which the others follow; its own world stays where it began
@@ -108,12 +114,20 @@ class SceneBatch:
     """
 
     def __init__(
-        self, scene: Scene | str | Path, n: int, *, threads: int | None = None, seed: int = 0
+        self,
+        scene: Scene | str | Path,
+        n: int,
+        *,
+        threads: int | None = None,
+        seed: int = 0,
+        grasp: GraspKind = "friction",
     ) -> None:
         found = scene if isinstance(scene, Scene) else load_scene(scene)
+        if grasp not in GRASPS:
+            raise UnknownNameError("grasp", str(grasp), GRASPS, "SceneBatch")
         if why := obstacle(found):
             raise InputError(f"SceneBatch: {found.name}: {why}")
-        found = replace(found, rig=replace(found.rig, grasp="friction"))
+        found = replace(found, rig=replace(found.rig, grasp=grasp))
         self.task: Task = make_task(found)
         self.scene, self.arms, world = found, self.task.arms, self.task.world
         _check_memory(n, self.task)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from trocar.descriptions.records import GraspKind
 from trocar.descriptions.scenes import Scene
 from trocar.errors import InputError, MissingExtraError, UnknownNameError
 from trocar.inputs import check_whole, shown
@@ -39,7 +40,7 @@ class SceneVectorEnv(VectorEnv[Any, Any, Any]):
     Args:
         scene: a scene, its name, or the path of its file
         num_envs: number of worlds
-        threads: CPU threads; None: one for each CPU
+        threads, grasp: as of `SceneBatch`
         autoreset_mode: when episodes that ended begin anew: in the next step, in the same, or in
             `reset` with the option "reset_mask"
         render_mode: as of `SceneEnv`; None: `render` returns None
@@ -60,6 +61,7 @@ class SceneVectorEnv(VectorEnv[Any, Any, Any]):
         num_envs: int = 1,
         *,
         threads: int | None = None,
+        grasp: GraspKind = "friction",
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
         **settings: Any,
@@ -72,7 +74,7 @@ class SceneVectorEnv(VectorEnv[Any, Any, Any]):
         )
         if chosen not in modes:
             raise UnknownNameError("autoreset_mode", chosen, modes)
-        self.batch = SceneBatch(scene, num_envs, threads=threads)
+        self.batch = SceneBatch(scene, num_envs, threads=threads, grasp=grasp)
         self.env = env = TaskEnv(self.batch.task, **settings)
         self.num_envs, self.render_mode = self.batch.n, render_mode
         self._autoreset = modes[chosen]
@@ -207,7 +209,8 @@ class SceneVectorEnv(VectorEnv[Any, Any, Any]):
             if begins[world] and seed is not None:
                 self._seeds[world] = np.random.default_rng(seed)
             if begins[world]:
-                drawn.append(int(self._seeds[world].integers(2**31)) if seed is None else seed)
+                rng: np.random.Generator = self._seeds[world]
+                drawn.append(int(rng.integers(2**31)) if seed is None else seed)
         self.batch.reset(which, np.array(drawn, np.int64))
         self._steps[which] = 0
 

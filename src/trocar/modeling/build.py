@@ -83,6 +83,9 @@ DIGESTED = (
 )
 #: Degrees of freedom up to which MuJoCo Warp takes dense models. Source: its `put_model`, 4.0.0.
 WARP_DENSE = 60
+#: Ratio of the cone in single precision, in place of `IMPRATIO`. Source: measured on Warp's CPU
+#: backend with a needle between the pads of a PSM: 300 and more give NaN at the first grip.
+WARP_IMPRATIO = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,8 +150,9 @@ def gpu_model(model: RigModel) -> mujoco.MjModel:
     """Return a copy of a model with position servos that `mujoco_warp.put_model` accepts.
 
     Warp has no PID servos and needs MuJoCo's automatic reset; above 60 degrees of freedom it needs
-    a sparse Jacobian, too. Never step that model with MuJoCo itself, whose sparse solver opens the
-    loops by millimetres (4.0.0, measured on the cart).
+    a sparse Jacobian, too. Nothing sleeps, and friction yields more (`WARP_IMPRATIO`). Never step
+    that model with MuJoCo itself, whose sparse solver opens the loops by millimetres (4.0.0,
+    measured on the cart).
 
     Raises:
         InputError: the model has PID servos
@@ -157,6 +161,9 @@ def gpu_model(model: RigModel) -> mujoco.MjModel:
         raise InputError(f"servo: got {model.options.servo!r}; allowed on a GPU: 'position'")
     made = copy(model.mj)
     made.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+    made.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
+    made.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+    made.opt.impratio = WARP_IMPRATIO
     if made.nv > WARP_DENSE:
         made.opt.jacobian = int(mujoco.mjtJacobian.mjJAC_SPARSE)
     return made
@@ -262,7 +269,7 @@ class Draft:
         if rig.extension:
             extend(self.spec, rig.extension)
         soften(self.spec, self._geoms, options.timestep, self.compile)
-        if options.servo == "pid" and options.collisions and not options.standalone:
+        if options.collisions and not options.standalone:
             for arm in rig.arms:
                 self._add_grasp(arm, [p for p in rig.objects if p.thread or not p.joint])
 
@@ -477,7 +484,7 @@ class Draft:
         )
 
     def _add_grasp(self, place: RigArm, objects: Sequence[Prop]) -> None:
-        """Add what a jaw holds free props by: an inactive weld each.
+        """Add what a jaw holds free props by: an inactive weld each, beside PID servos.
 
         Those whose friction prevails get pairs with its pads, which can be made frictionless apart.
         """
@@ -485,7 +492,7 @@ class Draft:
         pads = [pad for pad in self._geoms.surfaces if pad.body in fingers]
         if {pad.body for pad in pads} != set(fingers) or len(fingers) != len("lr"):
             return
-        for prop in objects:
+        for prop in objects if self._options.servo == "pid" else ():
             self.spec.add_equality(
                 name=naming.grasp(place.name, prop.name),
                 type=mujoco.mjtEq.mjEQ_WELD,

@@ -23,7 +23,7 @@ from trocar.kinematics.chain_pose import chain_pose
 from trocar.kinematics.inverse import nearest_solutions
 from trocar.modeling.build import RigModel
 from trocar.modeling.joints import INPUTS
-from trocar.simulation.batch_grasps import BatchGrasps, sensed_model
+from trocar.simulation.batch_grasps import BatchGrasps, WeldedGrasps, sensed_model
 from trocar.simulation.computed_torque import ComputedTorque
 from trocar.simulation.drives import (
     SPRING_FIELDS,
@@ -84,7 +84,8 @@ class Batch:
 
     Joints follow their servos with the rig's gains and gravity compensation, brakes hold, limits
     clip. A world of the batch moves as a `World` does, to the last bit, that is given the same
-    set-points at the same steps, as long as no jaw holds anything: here it does by friction alone.
+    set-points at the same steps, as long as no jaw holds anything: without `watch` it does here by
+    friction alone, with it by the rig's model of grasps.
     Errors of the robots are those of the world that the batch begins with, in every world.
 
     `step` checks its arguments and returns readings; `drive`, `advance`, `put_back` and `place` are
@@ -96,7 +97,7 @@ class Batch:
         n: number of worlds
         threads: CPU threads; None: one for each CPU
         seed: worlds have random generators spawned from it, for users of the batch
-        watch: whether to watch what jaws hold, see `grasps`
+        watch: whether to watch the objects that jaws hold, see `grasps`
 
     Attributes:
         names: joints, "PSM1/yaw", ...; columns of `setpoints` and of readings
@@ -147,7 +148,10 @@ class Batch:
         self._first = first.row
         sleeps = bool(self._model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP)
         self._rows = Rows(self._model, self.n, 0 if threads is None else int(threads), sleeps)
-        self.grasps = BatchGrasps(world.model, self._rows) if watch else None
+        self.grasps: BatchGrasps | WeldedGrasps | None = None
+        if watch:
+            kind = BatchGrasps if self.rig.grasp == "friction" else WeldedGrasps
+            self.grasps = kind(world.model, self._rows)
         #: The worlds at rest, with nothing but their weight.
         self._still = Rows(_weight_only(self._model), self.n, self._rows.nthread)
         self._still_qpos, self._weight = self._still.bind("qpos"), self._still.bind("qfrc_bias")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+from types import SimpleNamespace
 from typing import cast
 
 import mujoco
@@ -16,9 +18,12 @@ from trocar.simulation.grasps import (
     PERIOD_S,
     PRESS_N,
     PRESSED_S,
+    Grasps,
     find_jaws,
     graspable,
 )
+from trocar.simulation.journal import Journal
+from trocar.simulation.parts import Attached
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -71,6 +76,10 @@ def sensed_model(model: RigModel, compiled: mujoco.MjModel) -> mujoco.MjModel:
                 own[...] = values
     made.opt.disableactuator = compiled.opt.disableactuator
     return made
+
+
+#: Fields of MjModel that grasps write.
+WRITTEN = ("eq_data", "eq_obj2id", "geom_condim", "pair_dim")
 
 
 class BatchGrasps:
@@ -140,3 +149,68 @@ class BatchGrasps:
         looks[takes] = 0
         self._holds[worlds], self._looks[worlds] = holds, looks
         self.held[worlds] = np.where(presses, most, holds)
+
+
+class WeldedGrasps:
+    """The objects that jaws hold in n worlds by the welds of `Grasps`, of which each world has one.
+
+    A look at a world in which nothing is touched or held costs nothing.
+
+    Args:
+        model: of the rig
+        rows: the worlds, of a model from `sensed_model`
+
+    Attributes:
+        arms, objects, every, held: as of `BatchGrasps`
+    """
+
+    def __init__(self, model: RigModel, rows: Rows) -> None:
+        self._rows = rows
+        self._model: mujoco.MjModel = copy.copy(rows.model)
+        self._data = mujoco.MjData(self._model)
+        self.objects = graspable(model.rig)
+        jaws, _ = find_jaws(model.rig, self._model, self.objects)
+        self.arms = tuple(one.arm for one in jaws)
+        timestep = float(self._model.opt.timestep)
+        physics = cast(
+            Attached,
+            SimpleNamespace(rig=model.rig, model=self._model, data=self._data, exchanged=""),
+        )
+        self._each = [Grasps(model.rig, timestep, Journal()) for _ in range(rows.nsim)]
+        for grasps in self._each:
+            grasps.attach(physics)
+        self.every = self._each[0].every
+        names = [name for name in WRITTEN if getattr(self._model, name).size]
+        #: Fields that grasps write: in the model, in that of each world, and as they began.
+        self._fields = [
+            (own := getattr(self._model, name), rows.expand(name), own.copy()) for name in names
+        ]
+        self._active: Array = rows.bind("eq_active")
+        used = 2 * len(jaws) * len(self.objects) * CONTACTS * WIDTH
+        self._sensed: Array = rows.bind("sensordata")[:, int(self._model.nsensordata) - used :]
+        self.held = np.full((rows.nsim, len(jaws)), NOTHING)
+
+    def forget(self, worlds: Index) -> None:
+        """Begin anew in some worlds, with nothing held."""
+        self.held[worlds] = NOTHING
+        for world in worlds.tolist():
+            self._each[world].begin()
+        for _, rows, first in self._fields:
+            rows[worlds] = first
+
+    def look(self, worlds: Index) -> None:
+        """Take hold and let go in some worlds, as contacts of the last step tell."""
+        touched: list[bool] = self._sensed[worlds].any(axis=1).tolist()
+        for world, touches in zip(worlds.tolist(), touched, strict=True):
+            grasps = self._each[world]
+            if not touches and grasps.idle:
+                continue
+            self._rows.get_data(world, self._data)
+            for own, rows, _ in self._fields:
+                own[...] = rows[world]
+            grasps.look()
+            for own, rows, _ in self._fields:
+                rows[world] = own
+            self._active[world] = self._data.eq_active
+            for column, one in enumerate(grasps.read().values()):
+                self.held[world, column] = self.objects.index(one.object) if one.object else NOTHING

@@ -174,6 +174,11 @@ class Grasps(Part):
         self._pairs = self._finger[ends].max(axis=1), self._held[ends].max(axis=1)
         self._forget()
 
+    @property
+    def idle(self) -> bool:
+        """Whether no jaw held or pressed anything at the last look."""
+        return not self._pressing and not any(self._holds)
+
     def read(self) -> dict[str, Grasp]:
         """Return the grasp of each jaw as of the last look, {arm: grasp}."""
         return {jaws.arm: read for jaws, read in zip(self._jaws, self._read, strict=True)}

@@ -292,6 +292,8 @@ def read_scene(table: Table, load_rig: Callable[[str | Path], RigDescription]) -
         scene = scene.with_errors(keys.errors) if keys.errors else scene
     except UnknownNameError as problem:
         raise table.fail("errors", str(problem)) from problem
+    if not keys.randomise and keys.tips == "robot":
+        return scene
     spreads = beside / keys.randomise if keys.randomise.endswith(".toml") else keys.randomise
     try:
         return scene.randomised(spreads or NONE, keys.tips)

@@ -92,7 +92,7 @@ class Referee:
         self.grip = dict.fromkeys(self._arms, 0.0)
         self.time = 0.0
         self.held: dict[str, str] = {}
-        self.tips = self._read_tips()
+        self.tips = self._true_tips()
         self._read_at = -1, -1
 
     def read(self) -> None:
@@ -110,7 +110,7 @@ class Referee:
                 self.force[arm] = max(self.force[arm], math.hypot(*force.tolist()))
         if before or self._fell_from:
             self._count_drops(set(before.values()), set(self.held.values()))
-        tips, last = self._read_tips(), self.tips
+        tips, last = self._measured_tips() if world.errors is None else self._true_tips(), self.tips
         for name, T in tips.items():
             self.distance[name] += math.dist(T[:3, 3].tolist(), last[name][:3, 3].tolist())
         self.tips = tips
@@ -226,11 +226,9 @@ class Referee:
 
     # ------------------------------------------------------------------ inside
 
-    def _read_tips(self) -> dict[str, Array]:
+    def _true_tips(self) -> dict[str, Array]:
         """Return the true tips of the driven arms in the world now, {arm: (4, 4)}."""
-        if self._world.errors is not None:
-            return {name: self._true_tip(name) for name in self._arms}
-        return self._measured_tips()
+        return {name: self._true_tip(name) for name in self._arms}
 
     def _measured_tips(self) -> dict[str, Array]:
         """Return the measured tips of the driven arms in the world now, {arm: (4, 4)}."""

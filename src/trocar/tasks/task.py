@@ -195,7 +195,9 @@ class Task:
             arm = self.world.arms[name].runtime
             q = arm.motors.positions()
             if arm.description.type == "PSM":
-                T = self.controller.registered(name, tips[name])
+                T = tips[name]
+                if self.controller.registration:
+                    T = self.controller.registered(name, T)
                 found[name] = np.concatenate([T[:3, 3], quaternion_from_matrix(T[:3, :3]), q[-1:]])
             else:
                 found[name] = q

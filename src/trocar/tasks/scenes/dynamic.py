@@ -89,7 +89,7 @@ class Pendulum(Task):
         states = self.referee.states
         row = states.names.index(goal.object)
         T = self.object_pose(goal.object)
-        tip = self.referee.tips[self.arms[0]]
+        tip = self.referee.tips[self.arms[0]][:3, 3]
         bob = T[:3, 3] + T[:3, :3] @ self.bob
         alone = np.linalg.norm((tip - bob)[:2]) > self.SIDE_M + 0.002
         swinging = abs(states.joint[row, 1]) * np.linalg.norm(self.bob) > self.REST_M_S

@@ -103,7 +103,7 @@ class PolicyNode:
                     if (left := due - client.now()) > 0.0:
                         client.sleep(left)
                 self._mirror()
-                self._look()
+                task.look()
                 watch(task.time)
         return task.result(self._seed)
 
@@ -199,6 +199,7 @@ class PolicyNode:
                     )
             arms = {name: np.append(q, self._jaws.get(name, ())) for name, q in self._q.items()}
             poses = dict(self._poses)
+            self._task.referee.reported = dict(self._held)
         for name, q in arms.items():
             limits = world.arms[name].joints
             world.set_state(name, np.clip(q, limits.lower, limits.upper))
@@ -207,13 +208,3 @@ class PolicyNode:
         self._task.controller.drive(
             {name: (q, np.zeros(len(q))) for name, q in self._commanded.items()}
         )
-
-    def _look(self) -> None:
-        """Read, measure and judge as `Task.look` does, with the grasps that are published."""
-        task, referee = self._task, self._task.referee
-        referee.read()
-        with self._lock:
-            held = {**referee.held, **self._held}
-        referee.held = {name: holds for name, holds in held.items() if holds}
-        task.measure()
-        referee.judge(task.met, task.accomplished)

@@ -34,8 +34,8 @@ class PolicyNode:
 
     A copy of the scene is put where the robot and its objects are, every 20 ms: the policy reads
     the copy, and limits, inverse kinematics and the count of goals are those of the simulation.
-    Goals are those of a seed. Without a topic of the object in a jaw, as on a real robot, contacts
-    in the copy determine it.
+    Goals are those of a seed. The object in a jaw is the published one; a real robot has no such
+    topic, and contacts of the copy, which is moved every 20 ms, do not replace it.
 
     Args:
         client: of the topics, started

@@ -58,6 +58,8 @@ class Referee:
         states: of all objects, then
         tips: true poses of the driven arms' tips in the world, then, {arm: (4, 4)}
         held: objects that both fingers press, then, {arm: object}
+        reported: the same from elsewhere, which replaces them from the next reading on; "" for
+            nothing, {arm: object}
         distance: length of each tip's path, {arm: length} [m]
         force: largest net force of contacts on each arm, {arm: force} [N]
         grip: largest force of the weaker finger on an object, {arm: force} [N]
@@ -69,6 +71,7 @@ class Referee:
         self._rows = {name: row for row, name in enumerate(self._world.objects)}
         self.goals: tuple[tuple[Goal, Array], ...] = ()
         self._floor = -np.inf
+        self.reported: Mapping[str, str] = {}
         self.states = self._world.object_states()
         self.begin()
 
@@ -105,6 +108,10 @@ class Referee:
             if grasp.object and arm in self.grip:
                 self.held[arm] = grasp.object
                 self.grip[arm] = max(self.grip[arm], grasp.force)
+        for arm, name in self.reported.items():
+            self.held.pop(arm, None)
+            if name:
+                self.held[arm] = name
         for arm, force in world.contact_forces().items():
             if arm in self.force:
                 self.force[arm] = max(self.force[arm], math.hypot(*force.tolist()))

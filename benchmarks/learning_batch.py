@@ -5,13 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.catalogue import load_scene
 from trocar.learning.images import SceneCamera
 from trocar.learning.scene_batch import SceneBatch
 from trocar.tasks import Task, make_task
@@ -81,8 +80,7 @@ def speed(scene: str) -> list[Row]:
 
 def parity(scene: str) -> list[Row]:
     """Compare a scripted episode in a batch with the task's."""
-    found = load_scene(scene)
-    task = make_task(replace(found, rig=replace(found.rig, grasp="friction")))
+    task = make_task(scene)
     batch = SceneBatch(scene, 2, threads=THREADS)
     task.reset(1)
     batch.reset(seeds=[0, 1])

@@ -35,7 +35,7 @@ class SceneVectorEnv(VectorEnv[Any, Any, Any]):
     """`SceneBatch` with observations, actions and rewards of `TaskEnv`.
 
     `gymnasium.make_vec("trocar/NeedlePick-v0", num_envs=64, obs=..., ...)` makes one. Each of its
-    environments has the episodes of a `SceneEnv` with the same seed whose rig grasps by friction.
+    environments has the episodes of a `SceneEnv` with the same seed.
 
     Args:
         scene: a scene, its name, or the path of its file
@@ -61,7 +61,7 @@ class SceneVectorEnv(VectorEnv[Any, Any, Any]):
         num_envs: int = 1,
         *,
         threads: int | None = None,
-        grasp: GraspKind = "friction",
+        grasp: GraspKind | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
         **settings: Any,

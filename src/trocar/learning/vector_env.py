@@ -208,9 +208,9 @@ class SceneVectorEnv(VectorEnv[Any, Any, Any]):
         for world, seed in enumerate(seeds):
             if begins[world] and seed is not None:
                 self._seeds[world] = np.random.default_rng(seed)
-            if begins[world]:
-                rng: np.random.Generator = self._seeds[world]
-                drawn.append(int(rng.integers(2**31)) if seed is None else seed)
+                drawn.append(seed)
+            elif begins[world]:
+                drawn.append(int(self._seeds[world].integers(2**31, dtype=np.int64)))
         self.batch.reset(which, np.array(drawn, np.int64))
         self._steps[which] = 0
 

@@ -210,7 +210,8 @@ class SceneVectorEnv(VectorEnv[Any, Any, Any]):
                 self._seeds[world] = np.random.default_rng(seed)
                 drawn.append(seed)
             elif begins[world]:
-                drawn.append(int(self._seeds[world].integers(2**31, dtype=np.int64)))
+                number: Any = self._seeds[world].integers(2**31)
+                drawn.append(int(number))
         self.batch.reset(which, np.array(drawn, np.int64))
         self._steps[which] = 0
 

@@ -210,8 +210,7 @@ class SceneVectorEnv(VectorEnv[Any, Any, Any]):
                 self._seeds[world] = np.random.default_rng(seed)
                 drawn.append(seed)
             elif begins[world]:
-                number: Any = self._seeds[world].integers(2**31)
-                drawn.append(int(number))
+                drawn += self._seeds[world].integers(2**31, size=1).tolist()
         self.batch.reset(which, np.array(drawn, np.int64))
         self._steps[which] = 0
 

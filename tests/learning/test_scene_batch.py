@@ -10,7 +10,7 @@ import pytest
 
 from trocar.descriptions.catalogue import load_scene, names
 from trocar.descriptions.robot_errors import robot_errors
-from trocar.errors import InputError
+from trocar.errors import InputError, UnknownNameError
 from trocar.learning import scene_batch
 from trocar.learning.batch_rules import obstacle
 from trocar.learning.readings import read_task
@@ -24,6 +24,7 @@ RUNNING = [name for name in SCENES if not obstacle(load_scene(name))]
 KEPT_OUT = {
     "augmented-reality": "images",
     "dynamic-band": "met",
+    "misorient": "reset, met",
     "needle-through-phantom": "tissue",
     "needle-tracking": "images",
     "suturing": "tissue",
@@ -34,10 +35,14 @@ KEPT_OUT = {
 SEEDS = (3, 11)
 
 
-def by_friction(name: str) -> Task:
-    """Return the task of a scene as a batch has it."""
+#: Model of grasps of the rig.
+STICK = "friction+stick"
+
+
+def task_of(name: str, grasp: str = STICK) -> Task:
+    """Return the task of a scene as a batch with a model of grasps has it."""
     scene = load_scene(name)
-    return make_task(replace(scene, rig=replace(scene.rig, grasp="friction")))
+    return make_task(replace(scene, rig=replace(scene.rig, grasp=grasp)))
 
 
 def scripted(task: Task, seed: int) -> Iterator[np.ndarray]:
@@ -91,24 +96,49 @@ def check_judgement(batch: SceneBatch, world: int, task: Task) -> None:
 
 @pytest.mark.parametrize("name", RUNNING)
 def test_a_world_of_a_batch_moves_as_its_task_does_to_the_last_bit(name):
-    check_same(SceneBatch(name, 2, threads=2), [by_friction(name), by_friction(name)], 15)
+    check_same(SceneBatch(name, 2, threads=2), [task_of(name), task_of(name)], 15)
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("grasp", [STICK, "friction"])
 @pytest.mark.parametrize("name", RUNNING)
-def test_whole_episodes_in_a_batch_are_those_of_tasks(name):
-    check_same(SceneBatch(name, 2, threads=2), [by_friction(name), by_friction(name)], 3000)
+def test_whole_episodes_in_a_batch_are_those_of_tasks(name, grasp):
+    batch = SceneBatch(name, 2, threads=2, grasp=grasp)
+    check_same(batch, [task_of(name, grasp), task_of(name, grasp)], 3000)
 
 
-def test_an_episode_with_a_grasp_is_that_of_a_task():
-    batch = SceneBatch("needle-pick", 2, threads=1)
-    check_same(batch, [by_friction("needle-pick"), by_friction("needle-pick")], 200)
+@pytest.mark.parametrize("grasp", [STICK, "friction", "attach"])
+def test_an_episode_with_a_grasp_is_that_of_a_task(grasp):
+    batch = SceneBatch("needle-pick", 2, threads=1, grasp=grasp)
+    check_same(batch, [task_of("needle-pick", grasp), task_of("needle-pick", grasp)], 200)
     assert batch.success.all()
+
+
+def test_an_object_that_a_world_holds_is_free_after_its_reset():
+    batch, fresh = SceneBatch("needle-pick", 2, threads=1), SceneBatch("needle-pick", 2, threads=1)
+    task = task_of("needle-pick")
+    batch.reset(seeds=[1, 1])
+    for action in scripted(task, 1):
+        task.command(action)
+        batch.command(np.tile(action, (2, 1)))
+        if task.referee.held and task.time > 1.0:
+            break
+    assert (batch.readings.held["PSM1"] >= 0).all()
+    for each in (batch, fresh):
+        each.reset(np.array([True, False]), [5])
+    assert batch.readings.held["PSM1"].tolist() == [-1, 0]
+    low, high = batch.limits
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        actions = 0.5 * rng.uniform(low, high, (2, len(low)))
+        batch.command(actions)
+        fresh.command(actions)
+    np.testing.assert_array_equal(batch.physics.rows[0], fresh.physics.rows[0])
 
 
 @pytest.mark.parametrize("name", ["needle-handover", "ecm-reach", "peg-board"])
 def test_readings_of_a_batch_are_those_of_its_tasks(name):
-    batch, task = SceneBatch(name, 3, threads=1), by_friction(name)
+    batch, task = SceneBatch(name, 3, threads=1), task_of(name)
     batch.reset(seeds=[1, 5, 9])
     script = scripted(task, 5)
     for _ in range(10):
@@ -128,7 +158,7 @@ def test_readings_of_a_batch_are_those_of_its_tasks(name):
 
 @pytest.mark.parametrize("name", ["needle-pick", "needle-handover"])
 def test_random_actions_move_a_batch_as_its_tasks(name):
-    batch, tasks = SceneBatch(name, 2, threads=2), [by_friction(name), by_friction(name)]
+    batch, tasks = SceneBatch(name, 2, threads=2), [task_of(name), task_of(name)]
     low, high = batch.limits
     rng = np.random.default_rng(7)
     batch.reset(seeds=SEEDS)
@@ -148,7 +178,7 @@ def test_random_actions_move_a_batch_as_its_tasks(name):
 
 
 def test_an_arm_that_goes_into_fault_fails_the_episode_when_it_does_in_the_task():
-    batch, task = SceneBatch("needle-pick", 2, threads=1), by_friction("needle-pick")
+    batch, task = SceneBatch("needle-pick", 2, threads=1), task_of("needle-pick")
     batch.reset(seeds=[3, 4])
     task.reset(3)
     rng = np.random.default_rng(3)  # these actions press the tip into the pad
@@ -192,7 +222,7 @@ def test_worlds_begin_anew_one_by_one_and_the_others_go_on():
 def test_a_world_whose_episode_is_over_stays_until_its_reset():
     batch = SceneBatch("needle-reach", 2, threads=1)
     batch.reset(seeds=[1, 2])
-    task = by_friction("needle-reach")
+    task = task_of("needle-reach")
     for action in scripted(task, 1):
         task.command(action)
         actions = batch.idle()
@@ -226,6 +256,11 @@ def test_every_scene_runs_in_a_batch_or_a_reason_is_known():
 def test_scenes_that_cannot_run_in_a_batch_are_rejected_with_the_reason(name, why):
     with pytest.raises(InputError, match=rf"SceneBatch: {name}: .*{why}.*allowed in a batch"):
         SceneBatch(name, 2)
+
+
+def test_other_models_of_grasps_are_rejected():
+    with pytest.raises(UnknownNameError, match="glue"):
+        SceneBatch("needle-pick", 2, grasp="glue")
 
 
 def test_robots_with_errors_are_kept_out():

@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-from trocar.descriptions.catalogue import load_scene
 from trocar.errors import InputError, UnknownNameError
 from trocar.learning.scene_env import SceneEnv
 from trocar.learning.vector_env import SceneVectorEnv
 
 N = 3
-
-
-def single(name: str, **settings: object) -> SceneEnv:
-    """Return the environment of one world as a batch has it: its rig grasps by friction."""
-    scene = load_scene(name)
-    return SceneEnv(replace(scene, rig=replace(scene.rig, grasp="friction")), **settings)
 
 
 def same(one: object, other: object) -> None:
@@ -45,7 +36,7 @@ def same(one: object, other: object) -> None:
 )
 def test_a_vector_environment_is_so_many_environments(name, settings, mode):
     many = SceneVectorEnv(name, N, threads=2, autoreset_mode=mode, **settings)
-    each = SyncVectorEnv([lambda: single(name, **settings)] * N, autoreset_mode=mode)
+    each = SyncVectorEnv([lambda: SceneEnv(name, **settings)] * N, autoreset_mode=mode)
     assert many.single_observation_space == each.single_observation_space
     assert many.single_action_space == each.single_action_space
     assert many.observation_space == each.observation_space
@@ -141,7 +132,7 @@ def test_images_of_worlds_are_those_of_single_environments():
     many = SceneVectorEnv("needle-pick", 2, threads=1, render_mode="endoscope", **settings)
     seen, _ = many.reset(seed=2)
     assert seen["image"].shape == (2, 64, 64, 3) and seen["image"].dtype == np.uint8
-    one = single("needle-pick", render_mode="endoscope", **settings)
+    one = SceneEnv("needle-pick", render_mode="endoscope", **settings)
     for world in range(2):
         expected, _ = one.reset(seed=2 + world)
         np.testing.assert_array_equal(seen["image"][world], expected["image"])

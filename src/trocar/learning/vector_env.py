@@ -35,7 +35,7 @@ class SceneVectorEnv(VectorEnv[Any, Any, Any]):
     """`SceneBatch` with observations, actions and rewards of `TaskEnv`.
 
     `gymnasium.make_vec("trocar/NeedlePick-v0", num_envs=64, obs=..., ...)` makes one. Each of its
-    environments has the episodes of a `SceneEnv` with the same seed whose rig grasps by friction.
+    environments has the episodes of a `SceneEnv` with the same seed.
 
     Args:
         scene: a scene, its name, or the path of its file
@@ -61,7 +61,7 @@ class SceneVectorEnv(VectorEnv[Any, Any, Any]):
         num_envs: int = 1,
         *,
         threads: int | None = None,
-        grasp: GraspKind = "friction",
+        grasp: GraspKind | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
         **settings: Any,
@@ -208,9 +208,9 @@ class SceneVectorEnv(VectorEnv[Any, Any, Any]):
         for world, seed in enumerate(seeds):
             if begins[world] and seed is not None:
                 self._seeds[world] = np.random.default_rng(seed)
-            if begins[world]:
-                rng: np.random.Generator = self._seeds[world]
-                drawn.append(int(rng.integers(2**31)) if seed is None else seed)
+                drawn.append(seed)
+            elif begins[world]:
+                drawn += self._seeds[world].integers(2**31, size=1).tolist()
         self.batch.reset(which, np.array(drawn, np.int64))
         self._steps[which] = 0
 

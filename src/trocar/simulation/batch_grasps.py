@@ -193,15 +193,17 @@ class WeldedGrasps:
     def forget(self, worlds: Index) -> None:
         """Begin anew in some worlds, with nothing held."""
         self.held[worlds] = NOTHING
-        for world in worlds.tolist():
+        numbers: list[int] = worlds.tolist()
+        for world in numbers:
             self._each[world].begin()
         for _, rows, first in self._fields:
             rows[worlds] = first
 
     def look(self, worlds: Index) -> None:
         """Take hold and let go in some worlds, as contacts of the last step tell."""
-        touched: list[bool] = self._sensed[worlds].any(axis=1).tolist()
-        for world, touches in zip(worlds.tolist(), touched, strict=True):
+        touched: Bools = np.logical_or.reduce(self._sensed[worlds] != 0.0, axis=1)
+        numbers: list[int] = worlds.tolist()
+        for world, touches in zip(numbers, touched, strict=True):
             grasps = self._each[world]
             if not touches and grasps.idle:
                 continue

@@ -11,6 +11,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from benchmarks.learning import EPISODES, FEW, FRESH, Row, figures
 from trocar.descriptions import load_arm
 from trocar.descriptions.calibrated import calibrated_rig
 from trocar.descriptions.catalogue import load_scene
+from trocar.descriptions.overlay import Overlay
 from trocar.descriptions.scenes import Scene
 from trocar.learning.cloning import CloneSettings, clone, demonstrate, ensemble
 from trocar.learning.evaluation import wilson
@@ -93,9 +95,14 @@ def calibrated_scene(scene: Scene) -> Scene:
 
     Source: `trocar calibrate-paper` (geometry), docs/dynamics.md (dynamics).
     """
-    overlay = paper_twin(load_arm("psm")).overlay
+    overlay = _measured()
     rig = replace(scene.rig, dynamics="identified")
     return replace(scene, rig=calibrated_rig(rig, overlay, identified=True))
+
+
+@cache
+def _measured() -> Overlay:
+    return paper_twin(load_arm("psm")).overlay
 
 
 def cloned(scene: Scene, episodes: int = EPISODES) -> Script:

@@ -1,4 +1,9 @@
 # PyTorch is optional, and checks are the same without it; everything is Any here.
 from typing import Any
 
+Tensor = Any
+Generator = Any
+dtype = Any
+device = Any
+
 def __getattr__(name: str) -> Any: ...

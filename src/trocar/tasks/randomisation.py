@@ -44,7 +44,7 @@ FIELDS = (
 #: Of these, the ones that servos write, as brakes take their place.
 BRAKED = ("dof_frictionloss", "dof_damping")
 #: Images of a tip are taken this often, and the median of the last few corrects the encoders.
-#: Source: docs/vision.md, registration of instruments: 25 images a second, five of them. [s]
+#: Source: docs/vision.md, tips of instruments: 25 images a second, five of them. [s]
 IMAGE_S, IMAGES = 0.04, 5
 #: Least ratio that is drawn, of friction that a file spreads by more than 1. Source: our own
 #: choice.

@@ -164,7 +164,7 @@ def test_random_actions_move_a_batch_as_its_tasks(name):
     batch.reset(seeds=SEEDS)
     for task, seed in zip(tasks, SEEDS, strict=True):
         task.reset(seed)
-    stalled = False
+    stalled, actions = False, np.zeros((2, len(low)))
     for k in range(60):
         if k % 10 == 0:  # held for 0.2 s: arms come to limits of reach and speed
             actions = rng.uniform(1.2 * low, 1.2 * high, (2, len(low)))
@@ -183,6 +183,7 @@ def test_an_arm_that_goes_into_fault_fails_the_episode_when_it_does_in_the_task(
     task.reset(3)
     rng = np.random.default_rng(3)  # these actions press the tip into the pad
     low, high = batch.limits
+    action = np.zeros(len(low))
     for k in range(100):
         if k % 10 == 0:
             action = rng.uniform(low, high)
@@ -260,7 +261,7 @@ def test_scenes_that_cannot_run_in_a_batch_are_rejected_with_the_reason(name, wh
 
 def test_other_models_of_grasps_are_rejected():
     with pytest.raises(UnknownNameError, match="glue"):
-        SceneBatch("needle-pick", 2, grasp="glue")
+        SceneBatch("needle-pick", 2, grasp="glue")  # pyright: ignore[reportArgumentType]
 
 
 def test_robots_with_errors_are_kept_out():

@@ -2,8 +2,5 @@
 from typing import Any
 
 Tensor = Any
-Generator = Any
-dtype = Any
-device = Any
 
 def __getattr__(name: str) -> Any: ...

@@ -206,11 +206,10 @@ class WarpScene:
             mask: in which worlds, (n,) bool; None: in all
             rows: of the pool, whose `seeds` they have, (n,); None: drawn
         """
-        n, device = self.n, self.device
-        if mask is None:
-            mask = torch.ones(n, dtype=torch.bool, device=device)
+        n, device, most = self.n, self.device, len(self.seeds)
+        every: Tensor = torch.ones(n, dtype=torch.bool, device=device)
+        mask = every if mask is None else mask
         if rows is None:
-            most = len(self.seeds)
             rows = torch.randint(most, (n,), generator=self._rng, device=device)
         with self._stream():
             mjw.reset_data(self._model, self._data, reset=wp.from_torch(mask.contiguous()))

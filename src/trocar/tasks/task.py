@@ -195,10 +195,11 @@ class Task:
             arm = self.world.arms[name].runtime
             q = arm.motors.positions()
             if arm.description.type == "PSM":
-                T = tips[name]
+                tip = tips[name]
                 if self.controller.registration:
-                    T = self.controller.registered(name, T)
-                found[name] = np.concatenate([T[:3, 3], quaternion_from_matrix(T[:3, :3]), q[-1:]])
+                    tip = self.controller.registered(name, tip)
+                turn = quaternion_from_matrix(tip[:3, :3])
+                found[name] = np.concatenate([tip[:3, 3], turn, q[-1:]])
             else:
                 found[name] = q
         states = states if self.randomised is None else self.observed

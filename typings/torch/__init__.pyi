@@ -1,6 +1,6 @@
 # PyTorch is optional, and checks are the same without it; everything is Any here.
-from typing import Any
+from typing import Any, TypeAlias
 
-Tensor = Any
+Tensor: TypeAlias = Any
 
 def __getattr__(name: str) -> Any: ...

@@ -57,7 +57,7 @@ class WarpVecEnv(VecEnv):
         actions = torch.as_tensor(self._actions, device=self._env.scene.device)
         seen, reward, terminated, truncated, info = self._env.step(actions)
         cut = truncated.cpu().numpy()
-        ended = terminated.cpu().numpy() | cut
+        ended: NDArray[np.bool_] = np.logical_or(terminated.cpu().numpy(), cut)
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         if ended.any():
             last, success = info["final_obs"].cpu().numpy(), info["is_success"].cpu().numpy()

@@ -207,26 +207,26 @@ class WarpScene:
             rows: of the pool, whose `seeds` they have, (n,); None: drawn
         """
         n, device, most = self.n, self.device, len(self.seeds)
-        every: Tensor = torch.ones(n, dtype=torch.bool, device=device)
-        mask = every if mask is None else mask
+        every = torch.ones(n, dtype=torch.bool, device=device)
+        anew: Tensor = every if mask is None else mask
         if rows is None:
             rows = torch.randint(most, (n,), generator=self._rng, device=device)
         with self._stream():
-            mjw.reset_data(self._model, self._data, reset=wp.from_torch(mask.contiguous()))
+            mjw.reset_data(self._model, self._data, reset=wp.from_torch(anew.contiguous()))
         pool = self._pool
-        self.qpos.copy_(torch.where(mask[:, None], pool["qpos"][rows].float(), self.qpos))
+        self.qpos.copy_(torch.where(anew[:, None], pool["qpos"][rows].float(), self.qpos))
         q = pool["q"][rows]
-        self.ctrl.copy_(torch.where(mask[:, None], q.float(), self.ctrl))
-        self._controller.begin(mask, q, {name: pool[name][rows] for name in self._psms})
-        self._at = torch.where(mask[:, None, None], pool["at"][rows], self._at)
-        self._floor = torch.where(mask, pool["floor"][rows], self._floor)
+        self.ctrl.copy_(torch.where(anew[:, None], q.float(), self.ctrl))
+        self._controller.begin(anew, q, {name: pool[name][rows] for name in self._psms})
+        self._at = torch.where(anew[:, None, None], pool["at"][rows], self._at)
+        self._floor = torch.where(anew, pool["floor"][rows], self._floor)
         begun = {"_met_count": pool["met_count"][rows].long(), "_settling": pool["settling"][rows]}
         for name, value in {**self._fresh(), **begun}.items():
             old = getattr(self, name)
-            wide = mask.reshape(-1, *[1] * (old.dim() - 1))
+            wide = anew.reshape(-1, *[1] * (old.dim() - 1))
             setattr(self, name, torch.where(wide, value, old))
         for jaws in self._jaws.values():
-            jaws.forget(mask)
+            jaws.forget(anew)
         self._readings = None
 
     def command(self, actions: Tensor) -> None:

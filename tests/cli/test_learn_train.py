@@ -15,13 +15,13 @@ def test_a_clone_is_trained_written_and_plays(
     pytest.importorskip("torch", reason="training needs PyTorch")
     out = tmp_path / "run"
     words = ["learn", "train", "needle-reach", "--method", "bc", "--episodes", "8"]
-    words += ["--steps", "150", "--copies", "1", "--shift", "1"]
+    words += ["--steps", "150", "--copies", "1", "--shift", "3"]
     words += ["--no-video", "--json", "-o", str(out)]
     assert main(words) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["episodes"] == 8
-    assert document["settings"]["shift_m"] == pytest.approx(1e-3)
-    assert document["settings"]["turn_rad"] == pytest.approx(0.025)
+    assert document["settings"]["shift_m"] == pytest.approx(3e-3)
+    assert document["settings"]["turn_rad"] == pytest.approx(0.075)
     assert document["command"].startswith("trocar learn train needle-reach --method bc")
     written = {file.name for file in out.iterdir()}
     assert {"policy.toml", "policy.safetensors", "curve.csv", "training.json"} <= written

@@ -42,15 +42,15 @@ def add_arguments(parser: ArgumentParser) -> None:
                                           curve.png, training.json and episode.mp4
         --device cpu|cuda = cpu           of the networks
         --seed N:int = 0                  of initial weights, order and exploration
-        --steps N:int                     gradient steps of bc (default: 6000), or steps of the
+        --steps N:int                     gradient steps of bc (default: 8000), or steps of the
                                           environment (default: sac-her 5000, ppo 40000)
         --episodes N:int                  bc: scripted episodes, with the seeds 0, 1, ... (default:
                                           250)
         --epochs N:int                    bc: passes through all periods, in place of --steps
         --copies N:int                    bc: copies of each period with displaced tips (default:
-                                          2)
+                                          1)
         --shift MM:number                 bc: displacement of these, with 1.4 deg for each mm
-                                          (default: 2)
+                                          (default: 1)
         --data DIR                        bc: a dataset of trocar learn collect, in place of
                                           scripted episodes
         --archive                         sac-her, ppo: also write what Stable-Baselines3 saves,

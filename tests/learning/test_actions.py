@@ -87,6 +87,14 @@ def test_an_endoscope_moves_along_its_own_axes() -> None:
     assert T[:3, :3].T @ moved == pytest.approx([0.0, 0.0, 0.005], abs=5e-4)  # it lags
 
 
+def test_surrol_rolls_an_endoscope_by_3_degrees_in_a_step() -> None:
+    task = make_task("misorient")
+    before = task.world.arms["ECM"].joints.setpoints()
+    drive(task, "surrol-roll", np.array([1.0]), seconds=0.1)
+    moved = np.degrees(task.world.arms["ECM"].joints.setpoints() - before)
+    assert moved == pytest.approx([0.0, 0.0, 0.0, 3.0], abs=1e-6)
+
+
 def test_orbit_joints_are_offsets_from_the_start() -> None:
     task = make_task("needle-pick")
     start = task.world.arms["PSM1"].joints.setpoints()
@@ -141,4 +149,6 @@ def test_unknown_kinds_and_periods_are_named() -> None:
         make_actions("tip", task, 0.05)
     with pytest.raises(InputError, match="has no numbers for ECM; allowed: tip, "):
         make_actions("orbit-joint", make_task("ecm-reach"), 0.02)
+    with pytest.raises(InputError, match="has no numbers for PSM1; allowed: tip, "):
+        make_actions("surrol-roll", task, 0.1)
     assert set(KINDS) >= {"tip", "tip-setpoint", "joint", "surrol"}

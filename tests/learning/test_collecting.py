@@ -1,5 +1,7 @@
 """Collected datasets: what ran is what they have, however many workers, whatever ends them."""
 
+import subprocess
+import sys
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -91,7 +93,9 @@ def test_a_collection_without_success_writes_nothing(tmp_path: Path) -> None:
     assert not [*tmp_path.iterdir()]
 
 
-def test_an_interruption_leaves_a_readable_dataset(tmp_path: Path) -> None:
+def test_an_interruption_leaves_a_readable_dataset(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     def interrupt(count: int) -> None:
         if count == 2:
             raise KeyboardInterrupt
@@ -100,6 +104,7 @@ def test_an_interruption_leaves_a_readable_dataset(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         collect(REACH, range(9), tmp_path / "part", watch=interrupt)
     assert content(tmp_path / "part") == content(tmp_path / "whole")
+    assert caplog.messages == [f"{tmp_path / 'part'}: ended after 2 of 9 episodes"]
     with pytest.raises(KeyboardInterrupt):
         collect(REACH, range(9), tmp_path / "none", watch=lambda _: interrupt(2))
     assert len(open_dataset(tmp_path / "none")) == 1
@@ -174,3 +179,23 @@ def test_images_show_the_scene_at_the_beginning_of_each_period(tmp_path: Path) -
         assert off.mean() < 6.0  # of 255: H.264 at CRF 20
         task.command(action)
     camera.close()
+
+
+@pytest.mark.slow
+def test_a_cluster_changes_nothing(tmp_path: Path) -> None:
+    pytest.importorskip("ray", reason="the extra cluster is not installed")
+    code = f"""
+from trocar.learning.collecting import Collection, collect
+for name, workers, cluster in (("a", 2, "local"), ("b", 1, "")):
+    collect(
+        Collection("needle-reach", noise=0.01, mcap=True),
+        range(4),
+        {str(tmp_path)!r} + "/" + name,
+        workers=workers,
+        cluster=cluster,
+    )
+"""
+    words = [sys.executable, "-c", code]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=900, check=False)
+    assert done.returncode == 0, done.stderr
+    assert content(tmp_path / "a") == content(tmp_path / "b")

@@ -235,6 +235,13 @@ def test_an_archive_of_stable_baselines_acts_by_its_predictions(task: Task, tmp_
         PolicyFile(tmp_path / "sac.zip", trust=True).script(task)
 
 
+def test_settings_beside_an_archive_are_checked(tmp_path: Path) -> None:
+    (tmp_path / "a.zip").write_bytes(b"")
+    (tmp_path / "a.toml").write_text("action_perod = 0.1\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"a\.toml: unknown setting 'action_perod' \(did you mean"):
+        PolicyFile(tmp_path / "a.zip", trust=True)
+
+
 def test_an_archive_is_rejected_without_trust(tmp_path: Path) -> None:
     path = tmp_path / "a.zip"
     path.write_bytes(b"")

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from trocar.errors import InputError, UnknownNameError
+from trocar.learning.actions import REACH_M
 from trocar.learning.task_env import TaskEnv
 from trocar.tasks import make_task
 
@@ -39,6 +40,15 @@ def test_a_script_yields_the_actions_of_steps(kind: str) -> None:
     for action in islice(other.script(policy), 30):
         other.task.command(action)
     assert np.array_equal(env.task.world.save().row, other.task.world.save().row)
+
+
+def test_a_set_point_is_reached_at_the_end_of_the_action() -> None:
+    env = TaskEnv("needle-reach", action="tip-setpoint", action_period=0.2)
+    env.reset(0)
+    action = np.array([0.2, 0.05, 0.2, 0.0, 0.0, 0.0, 0.0])
+    env.step(action)
+    at = env.task.controller.target("PSM1")[:3, 3]
+    assert at == pytest.approx(env.encoder.centre + REACH_M * action[:3], abs=1e-9)
 
 
 def test_a_step_of_a_period_is_a_command_of_the_task() -> None:
@@ -164,6 +174,7 @@ def test_seeds_and_goals_of_other_shapes_are_refused() -> None:
     env = TaskEnv("needle-reach", obs="goal")
     with pytest.raises(InputError, match="needle-reach: seed: got -1"):
         env.reset(-1)
+    env.reset(2**32 - 1)  # Stable-Baselines3 draws such seeds
     with pytest.raises(InputError, match=r"allowed: equal shapes \(\.\.\., 3\)"):
         env.compute_reward(np.zeros(6), np.zeros(6), {})
     with pytest.raises(InputError, match="compute_reward: got the reward 'task'"):

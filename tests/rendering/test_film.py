@@ -11,8 +11,19 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from trocar.errors import InputError, MissingExtraError, TrocarError, UnknownNameError
-from trocar.rendering.film import MOTIONS, SWINGS, film, kind_of, mover, swings, take_picture, video
+from trocar.errors import InputError, LogError, MissingExtraError, TrocarError, UnknownNameError
+from trocar.rendering.film import (
+    MOTIONS,
+    SWINGS,
+    film,
+    join_videos,
+    kind_of,
+    mover,
+    read_video,
+    swings,
+    take_picture,
+    video,
+)
 from trocar.rendering.frames import EYES, SHOWN, picture
 from trocar.simulation import World
 
@@ -113,6 +124,28 @@ def test_a_video_has_a_picture_for_each_period_of_simulated_time(tmp_path: Path)
     frames, seconds = library.count_frames_and_secs(str(path))
     assert frames == 10
     assert seconds == pytest.approx(0.5, abs=0.06)
+
+
+def test_joined_videos_are_read_one_after_the_other_from_any_time_on(tmp_path: Path) -> None:
+    pytest.importorskip("imageio_ffmpeg", reason="the extra `video` is not there")
+    greys = [20 + 8 * k for k in range(9)]
+    parts = {tmp_path / "it's a.mp4": greys[:4], tmp_path / "b.mp4": greys[4:]}
+    for path, shown in parts.items():
+        with video(path, SIZE, 25.0, keyframes=2) as add:
+            for grey in shown:
+                add(np.full((SIZE[1], SIZE[0], 3), grey, np.uint8))
+    joined = tmp_path / "both.mp4"
+    join_videos([*parts], joined)
+    for first in range(9):
+        seen = np.stack([*read_video(joined, (first - 0.5) / 25.0)])
+        assert seen.shape == (9 - first, SIZE[1], SIZE[0], 3)
+        # H.264 keeps brightness in steps of 1/219
+        assert np.abs(seen.mean(axis=(1, 2, 3)) - greys[first:]).max() < 2.5
+    with pytest.raises(InputError, match="exists already"):
+        join_videos([*parts], joined)
+    joined.write_bytes(b"no video")
+    with pytest.raises(LogError, match=r"both\.mp4: cannot be read as a video: "):
+        next(read_video(joined))
 
 
 def test_a_video_that_cannot_be_written_or_is_none_is_refused(tmp_path: Path) -> None:

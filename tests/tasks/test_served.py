@@ -1,16 +1,18 @@
 """A scene in a running loop: its score on a topic and on the page, its policy as without a loop."""
 
 import json
+from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 
+from trocar.errors import TrocarError
 from trocar.geometry.se3 import transform
 from trocar.live import Loop
 from trocar.ros import Core
 from trocar.ros.transports.memory import MemoryTransport
-from trocar.tasks import make_task, run_episode
+from trocar.tasks import Task, make_task, run_episode
 from trocar.tasks.play import scripted
 from trocar.tasks.served import TOPIC, ServedTask
 
@@ -69,3 +71,18 @@ def test_an_instrument_taken_away_ends_the_episode_and_not_the_loop(touch: Path)
     loop.tick(loop.quiet_ticks())
     assert "instrument" not in served.note()
     assert not task.done
+
+
+def test_what_a_policy_raises_is_shown_as_text(touch: Path) -> None:
+    task = make_task(str(touch))
+
+    def script(_: Task) -> Iterator[np.ndarray]:
+        yield task.stay()
+        raise TrocarError("<b>own.py</b>: line 3")
+
+    served = ServedTask(task, 0, script=script, driver="<own>")
+    loop = Loop(task.world, tick_s=0.001, speed="max")
+    served.watch(loop)
+    for _ in range(50):
+        loop.tick()
+    assert "&lt;own&gt;: &lt;b&gt;own.py&lt;/b&gt;: line 3" in served.note()

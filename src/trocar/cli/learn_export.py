@@ -34,7 +34,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Export and print the counts."""
-    from trocar.learning.recordings import export
+    from trocar.learning.exporting import export
 
     words = ["trocar", "learn", "export", *args.recordings, "-o", "DIR", "--rate", str(args.rate)]
     for arm in args.arm:

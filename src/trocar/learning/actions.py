@@ -31,6 +31,8 @@ REACH_M = 0.1
 #: Velocities of SurRoL's actions: 10 mm and 30 degrees, or 15 of pitch, in a step of 0.2 s.
 #: Source: med-air/SurRoL, surrol/tasks/psm_env.py, `_set_action`. [m/s, rad/s, rad/s]
 SURROL_M_S, SURROL_YAW_RAD_S, SURROL_PITCH_RAD_S = 0.05, np.radians(150.0), np.radians(75.0)
+#: Of an endoscope's roll: 3 degrees in a step of 0.1 s. Source: ecm_env.py there. [rad/s]
+SURROL_ROLL_RAD_S = np.radians(30.0)
 #: Opening of SurRoL's open jaw. Source: as above. [rad]
 SURROL_OPEN_RAD = np.radians(40.0)
 #: Factor on ORBIT-Surgical's joint and relative actions. Source: orbit-surgical/orbit-surgical,
@@ -125,9 +127,10 @@ class ActionKind:
         for arm in self._arms:
             own = kind.psm_names if arm.psm else kind.ecm_names
             if not own:
+                fit = [k for k, one in KINDS.items() if one.psm_names and one.ecm_names]
                 raise InputError(
                     f"{self._label}: action: got {name!r}, which has no numbers for {arm.name};"
-                    f" allowed: {', '.join(k for k, one in KINDS.items() if one.ecm_names)}"
+                    f" allowed: {', '.join(fit)}"
                 )
             if arm.psm and not arm.jaw and name in JAWLESS:
                 own = own[:-1]
@@ -325,6 +328,12 @@ def _ecm_surrol(arm: DrivenArm, a: Array, readings: SceneReadings, left: float) 
     return found / np.maximum(np.abs(found / arm.most).max(axis=1, keepdims=True), 1.0)
 
 
+def _ecm_surrol_roll(arm: DrivenArm, a: Array, readings: SceneReadings, left: float) -> Array:  # noqa: ARG001
+    found = np.zeros((len(a), len(arm.most)))
+    found[:, -1] = min(SURROL_ROLL_RAD_S, arm.most[-1]) * a[:, 0]
+    return found
+
+
 def _psm_orbit_joint(arm: DrivenArm, a: Array, readings: SceneReadings, left: float) -> Array:
     own = len(arm.low)
     goal = np.clip(arm.start[:own] + ORBIT_SCALE * a[:, :own], arm.low, arm.high)
@@ -385,6 +394,7 @@ _ECM_JOINTS = ("yaw", "pitch", "insertion", "roll")
 #: - "surrol": way of the tip in axes of the world, 10 mm in 0.2 s; rotation about the world's z, 30
 #:   degrees in 0.2 s; shut, ignored where the scene only asks for places of tips. An ECM: way of
 #:   the tip in its own axes, 10 mm in 0.2 s. "surrol-pitch" rotates about y, by 15 degrees.
+#:   "surrol-roll" only rolls an ECM, 3 degrees in 0.1 s.
 #: - "orbit-joint": joint positions, offset from the start pose over 0.5 rad or m; shut.
 #:   "orbit-ik-abs": position from the remote centre in axes of the world [m], quaternion wxyz;
 #:   shut. "orbit-ik-rel": way [m] and rotation vector [rad] over 0.5 in 20 ms, which the limits of
@@ -395,6 +405,7 @@ KINDS = {
     "joint": _Kind((*_PSM_JOINTS, "jaw"), _ECM_JOINTS, _psm_joint, _ecm_joint),
     "surrol": _Kind((*_XYZ, "yaw", "shut"), _XYZ, _psm_surrol, _ecm_surrol),
     "surrol-pitch": _Kind((*_XYZ, "pitch", "shut"), _XYZ, _psm_surrol_pitch, _ecm_surrol),
+    "surrol-roll": _Kind((), ("roll",), _psm_surrol, _ecm_surrol_roll),
     "orbit-joint": _Kind((*_PSM_JOINTS, "shut"), (), _psm_orbit_joint, _ecm_joint),
     "orbit-ik-abs": _Kind(
         (*_XYZ, "qw", "qx", "qy", "qz", "shut"), (), _psm_orbit_absolute, _ecm_joint
@@ -402,7 +413,14 @@ KINDS = {
     "orbit-ik-rel": _Kind((*_XYZ, *_TURN, "shut"), (), _psm_orbit_relative, _ecm_joint),
 }
 #: Conversions that do not look at readings.
-WITHOUT_READINGS = (_psm_tip, _ecm_joint, _psm_surrol, _psm_surrol_pitch, _psm_orbit_relative)
+WITHOUT_READINGS = (
+    _psm_tip,
+    _ecm_joint,
+    _psm_surrol,
+    _psm_surrol_pitch,
+    _ecm_surrol_roll,
+    _psm_orbit_relative,
+)
 #: Kinds that lack the jaw where the scene only asks for places of tips. Source: ORBIT-Surgical's
 #: reach has no gripper action.
 JAWLESS = frozenset({"orbit-joint", "orbit-ik-abs", "orbit-ik-rel"})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +28,8 @@ from trocar.tasks.controller import PERIOD_S
 from trocar.tasks.play import Script, each_seed, scripted
 
 Array = NDArray[np.float64]
+
+_log = logging.getLogger("trocar")
 
 #: Frames a second: one for each action.
 RATE_HZ = round(1.0 / PERIOD_S)
@@ -167,6 +170,7 @@ def collect(
         title = f"{task.scene.title}: {len(kept)} episodes"
         write_card(built, title, card, columns.features, simulated=True)
     if ended is not None:
+        _log.warning("%s: ended after %d of %d episodes", folder, len(found), len(seeds))
         raise ended
     return Collected(tuple(found), len(kept), writer.frames)
 

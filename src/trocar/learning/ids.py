@@ -16,6 +16,7 @@ SCENES = (
     "active-track",
     "augmented-reality",
     "bi-peg-transfer",
+    "dual-reach",
     "dynamic-band",
     "dynamic-bar",
     "dynamic-pendulum",
@@ -27,6 +28,7 @@ SCENES = (
     "gauze-retrieve",
     "icra2026-peg-transfer",
     "match-board",
+    "misorient",
     "needle-handover",
     "needle-pick",
     "needle-reach",
@@ -57,6 +59,8 @@ SURROL: Mapping[str, Mapping[str, Any]] = {
     "NeedleRegrasp": {"scene": "needle-regrasp", **_PSM, "action": "surrol-pitch"},
     "BiPegTransfer": {"scene": "bi-peg-transfer", **_PSM},
     "ECMReach": {"scene": "ecm-reach", **_ECM},
+    # What it asks for is no place.
+    "MisOrient": {"scene": "misorient", **_ECM, "obs": "state", "action": "surrol-roll"},
     "StaticTrack": {"scene": "static-track", **_ECM},
     # Its reward is dense and its observation flat.
     "ActiveTrack": {"scene": "active-track", **_ECM, "obs": "state", "max_steps": 500},
@@ -66,6 +70,7 @@ SURROL: Mapping[str, Mapping[str, Any]] = {
 #: orbit-surgical/orbit-surgical, tasks/surgical/*/config/*/__init__.py and *_env_cfg.py.
 _ORBIT_TASKS = {
     "Reach-PSM": ("needle-reach", 600),
+    "Reach-Dual-PSM": ("dual-reach", 600),
     "Lift-Needle-PSM": ("needle-pick", 250),
     "Handover-Needle-Dual-PSM": ("needle-handover", 250),
 }

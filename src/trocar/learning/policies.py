@@ -178,7 +178,8 @@ class PolicyFile:
             self._content = _read(self.path)
             beside = self.path.with_suffix(".toml")
             if suffix == ".zip" and beside.exists():
-                self._settings = _archive_settings(beside)
+                self._settings = _table(beside)
+                _check_settings(self._settings, beside)
         self._maker: Callable[[TaskEnv], EnvPolicy] | None = None
         if suffix == ".py":
             self._python()
@@ -398,9 +399,7 @@ class PolicyFile:
 
 def _env(path: Path, task: Task, settings: Mapping[str, Any]) -> TaskEnv:
     """Return an environment of a task, with the settings of a policy."""
-    for name in settings:
-        if name not in SETTINGS:
-            raise UnknownNameError("setting", name, SETTINGS, str(path))
+    _check_settings(settings, path)
     try:
         return TaskEnv(task, **{name: settings[name] for name in ACTING if name in settings})
     except InputError as problem:
@@ -421,11 +420,10 @@ def _table(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: is not TOML: {error}") from None
 
 
-def _archive_settings(path: Path) -> dict[str, Any]:
-    """Return the settings of `TaskEnv` and the scene that stand beside an archive."""
-    return {
-        k: v for k, v in _table(path).items() if k in ("scene", "obs", "action", "action_period")
-    }
+def _check_settings(settings: Mapping[str, Any], where: Path) -> None:
+    for name in settings:
+        if name not in SETTINGS:
+            raise UnknownNameError("setting", name, SETTINGS, str(where))
 
 
 def _safetensors(path: Path) -> Any:

@@ -17,7 +17,7 @@ from trocar.descriptions.scenes import Scene
 from trocar.errors import InputError, UnknownNameError
 from trocar.geometry.rotations import matrix_from_quaternion
 from trocar.geometry.se3 import transform
-from trocar.inputs import check_numbers, check_whole, got
+from trocar.inputs import INTEGERS, check_numbers, check_whole, got
 from trocar.learning.actions import make_actions
 from trocar.learning.ids import settings_of
 from trocar.learning.images import EDGE, SceneCamera
@@ -151,7 +151,7 @@ class TaskEnv:
         if seed is None:
             seed = int(self._seeds.integers(2**31))
         else:
-            check_whole(seed, f"{self.task.scene.name}: seed")
+            check_whole(seed, f"{self.task.scene.name}: seed", 0, INTEGERS[1])
             self._seeds = np.random.default_rng(seed)
         self.task.reset(seed)
         if options:

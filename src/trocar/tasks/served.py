@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -96,9 +97,9 @@ class ServedTask:
         made = "".join(
             f'<div class="card"><span>{k}</span><b>{v}</b></div>' for k, v in cards.items()
         )
-        end = f": {state['reason']}" if state["done"] else ""
+        end = f": {escape(str(state['reason']))}" if state["done"] else ""
         return (
-            f'<div class="note">{self.task.scene.title}<br>{self._driver}{end}</div>'
+            f'<div class="note">{self.task.scene.title}<br>{escape(self._driver)}{end}</div>'
             f'<div class="cards">{made}</div>'
         )
 

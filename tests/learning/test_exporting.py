@@ -9,8 +9,9 @@ from trocar.descriptions import load_arm
 from trocar.errors import InputError, LogError, UnknownNameError
 from trocar.learning.collecting import Collection, collect
 from trocar.learning.episodes import EpisodeLog, record_episode
-from trocar.learning.lerobot import DatasetWriter, Feature, open_dataset
-from trocar.learning.recordings import export, import_dataset
+from trocar.learning.exporting import export
+from trocar.learning.importing import import_dataset
+from trocar.learning.lerobot import open_dataset
 from trocar.recording import record
 from trocar.recording.bags import JointSamples, open_bag, write_joint_states
 from trocar.robot.follow import ReplaySettings, replay
@@ -152,82 +153,3 @@ def test_joint_states_are_read_as_they_were_written(tmp_path: Path) -> None:
         assert [m.time for m in messages] == pytest.approx(samples.times, abs=1e-9)
         assert np.array_equal([m.fields["position"] for m in messages], samples.positions)
         assert tuple(messages[0].fields["name"]) == samples.names
-
-
-# ------------------------------------------------------------------ names of joints
-
-JOINTS = load_arm("psm").mechanism.joint_names
-
-
-def dataset(root: Path, **columns: tuple[str, ...]) -> np.ndarray:
-    """Write a dataset of three frames whose columns have these names, and return its numbers."""
-    root.mkdir()
-    features = {f"observation.{name}": Feature(names) for name, names in columns.items()}
-    values = 0.01 * np.arange(3)[:, None] + 0.1 * np.arange(len(next(iter(columns.values()))))
-    with DatasetWriter(root, 50, features, "dvrk") as writer:
-        writer.add({n: values + k for k, n in enumerate(features)}, "x")
-    return values
-
-
-def imported(root: Path, topic: str, columns: tuple[str, ...] = ()) -> np.ndarray:
-    (path,) = import_dataset(root, root / "out", columns=columns)
-    return np.array([m.fields["position"] for m in open_bag(path).messages([topic])])
-
-
-@pytest.mark.parametrize(
-    "names",
-    [
-        tuple(f"PSM1.{name}_{'m' if name == 'insertion' else 'rad'}" for name in JOINTS),
-        tuple(f"psm1_{name}" for name in JOINTS),
-        tuple(f"psm1_joint_{k + 1}.pos" for k in range(7)),
-        (*(f"PSM1/{k}" for k in range(6)), "PSM1/jaw"),
-        (*(f"psm1.outer_{name}" for name in JOINTS[:6]), "psm1.jaw.position"),
-    ],
-)
-def test_joints_are_found_by_their_names(tmp_path: Path, names: tuple[str, ...]) -> None:
-    values = dataset(tmp_path / "data", state=names)
-    assert imported(tmp_path / "data", "PSM1/measured_js") == pytest.approx(values[:, :6], abs=1e-6)
-    jaw = import_dataset(tmp_path / "data", tmp_path / "jaw.mcap", episode=0)
-    messages = open_bag(jaw[0]).messages(["PSM1/jaw/measured_js"])
-    assert [m.fields["position"][0] for m in messages] == pytest.approx(values[:, 6], abs=1e-6)
-
-
-def test_units_of_names_are_converted(tmp_path: Path) -> None:
-    names = tuple(f"PSM1.{name}_{'mm' if name == 'insertion' else 'deg'}" for name in JOINTS[:6])
-    values = np.radians(dataset(tmp_path / "data", state=names))
-    values[:, 2] *= 1e-3 / np.radians(1.0)
-    assert imported(tmp_path / "data", "PSM1/measured_js") == pytest.approx(values, abs=1e-6)
-
-
-def test_scaled_numbers_without_units_come_after_those_with_units(tmp_path: Path) -> None:
-    scaled = tuple(f"PSM1.{name}" for name in JOINTS[:6])
-    values = dataset(tmp_path / "data", state=scaled, joints=tuple(f"{n}_rad" for n in scaled))
-    found = imported(tmp_path / "data", "PSM1/measured_js")
-    assert found == pytest.approx(values + 1.0, abs=1e-6)
-
-
-def test_joints_are_chosen_by_columns(tmp_path: Path) -> None:
-    values = dataset(tmp_path / "data", state=tuple(f"n{k}" for k in range(9)))
-    chosen = ("PSM2=observation.state[1:8]",)
-    found = imported(tmp_path / "data", "PSM2/measured_js", chosen)
-    assert found == pytest.approx(values[:, 1:7], abs=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("columns", "message"),
-    [
-        ((), "no column names all joints of an arm; got observation.state: n0, .*--columns PSM1="),
-        (("PSM1=observation.state",), r"got 'PSM1=observation.state'; allowed: ARM=COLUMN\[FIRST"),
-        (("PSM1=observation.stat[0:7]",), r"unknown column .*did you mean 'observation.state'"),
-        (("PSM1=observation.state[0:5]",), r"5 of 9 numbers; allowed: 7 or 6 \(yaw, pitch"),
-        (("PSM1=observation.state[3:10]",), "7 of 9 numbers"),
-        (("KUKA=observation.state[0:7]",), "unknown arm 'KUKA'; known: PSM1"),
-    ],
-)
-def test_columns_without_joints_are_rejected(
-    tmp_path: Path, columns: tuple[str, ...], message: str
-) -> None:
-    dataset(tmp_path / "data", state=tuple(f"n{k}" for k in range(9)))
-    with pytest.raises(InputError, match=message):
-        import_dataset(tmp_path / "data", tmp_path / "out", columns=columns)
-    assert not (tmp_path / "out").exists()

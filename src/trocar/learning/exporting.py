@@ -1,10 +1,8 @@
-"""Datasets from recordings of arms, simulated or real, and recordings from datasets."""
+"""Datasets from recordings of arms, simulated or real."""
 
 from __future__ import annotations
 
-import itertools
-import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,20 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions import load_arm
 from trocar.errors import InputError, LogError, UnknownNameError
 from trocar.learning.cards import write_card
-from trocar.learning.lerobot import INDEXES, Dataset, DatasetWriter, Feature, open_dataset
-from trocar.outputs import check_file, check_folder, whole_folder
-from trocar.recording.bags import (
-    JOINT_STATE,
-    POSES,
-    Bag,
-    JointSamples,
-    open_bag,
-    write_joint_states,
-)
-from trocar.robot.logs import recorded_joints
+from trocar.learning.lerobot import DatasetWriter, Feature
+from trocar.outputs import check_folder, whole_folder
+from trocar.recording.bags import JOINT_STATE, POSES, Bag, open_bag
 
 Array = NDArray[np.float64]
 
@@ -34,26 +23,15 @@ RATE_HZ = 50
 MEASURED, SETPOINT, POSE, JAW = "/measured_js", "/setpoint_js", "/measured_cp", "/jaw"
 #: Beginning of the topics of objects. Source: `trocar.recording`.
 OBJECTS = "scene/"
-#: Arms that have a description: type and its name there.
-ARMS = {"PSM": "psm", "ECM": "ecm", "MTML": "mtml", "MTMR": "mtmr", "MTM": "mtmr"}
 #: Joint that slides. Source: descriptions of PSM and ECM.
 SLIDES, SLIDES_AT = "insertion", 2
 #: A frame within this time of a sample is that sample's [s]. Source: rounding of nanoseconds.
 ROUNDING_S = 1e-6
-#: Name of a number of a dataset: arm, joint and unit, "PSM1.yaw_rad", "psm1_joint_3.pos".
-NAMED = re.compile(
-    r"(?P<arm>(?:PSM|ECM|MTML|MTMR|MTM)\d*)[./_ -]+(?:outer_)?(?P<joint>[a-z_]*?(?:_?\d+)?)"
-    r"(?:[._ ](?:pos|position|q))?(?:_(?P<unit>rad|deg|m|mm))?",
-    re.IGNORECASE,
-)
-NUMBERED = re.compile(r"(?:joint|j|q)?_?(\d+)")
-SCALES = {"rad": 1.0, "m": 1.0, "deg": float(np.pi / 180.0), "mm": 1e-3}
-CHOSEN = re.compile(r"([^=\[\]]+)=([^=\[\]]+)\[(\d+):(\d+)\]")
 POSE_PARTS = ("x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class EvenMotion:
     """An uninterrupted motion in a recording, at even times.
 
     Attributes:
@@ -92,8 +70,8 @@ def export(
 
     A recording is an episode, and one more begins wherever its time goes back (the world was
     reset). Rows are at even times: joints between two samples are filled in evenly, poses are those
-    of the nearest sample. The action is the set-points at the next row; where there are none, the
-    measured joints.
+    of the nearest sample. The action is the set-points at the next row, or the measured joints of
+    a recording without set-points.
 
     Args:
         recordings: bags of arms or recordings of worlds, all of the same arms and objects
@@ -147,47 +125,6 @@ def export(
     return Exported(len(sources), writer.frames, first.arms)
 
 
-def import_dataset(
-    root: str | Path,
-    output: str | Path,
-    *,
-    episode: int | None = None,
-    columns: Sequence[str] = (),
-    overwrite: bool = False,
-) -> list[Path]:
-    """Write episodes of a dataset as recordings that `trocar replay` replays on the arms.
-
-    Args:
-        root: folder of the dataset
-        output: a file of `episode`, else a folder for all of them
-        episode: its number; None: all
-        columns: "ARM=COLUMN[FIRST:LAST]", numbers of a column in the order of the arm's joints, the
-            last one left out; default: by the names of numbers
-
-    Returns:
-        the files
-
-    Raises:
-        LogError: a torn dataset
-        InputError: no such episode, columns without joints of an arm, or an output that exists
-        MissingExtraError: the extra `learn` or `record` is not installed
-    """
-    dataset = open_dataset(root)
-    found = _chosen(dataset, columns) if columns else _by_names(dataset)
-    if episode is not None:
-        target = check_file(output, overwrite)
-        write_joint_states(target, _streams_of(dataset, episode, found), overwrite)
-        return [target]
-    with whole_folder(output, overwrite) as built:
-        names = [f"episode_{k:06d}.mcap" for k in range(len(dataset))]
-        for k, name in enumerate(names):
-            write_joint_states(built / name, _streams_of(dataset, k, found))
-    return [Path(output).expanduser() / name for name in names]
-
-
-# ------------------------------------------------------------------ recordings
-
-
 class _Streams:
     """Joint states and poses of a recording."""
 
@@ -226,7 +163,7 @@ class _Streams:
         """Arms and objects, for messages."""
         return ", ".join((*self.arms, *self.objects))
 
-    def motions(self, rate_hz: int) -> Iterator[Motion]:
+    def motions(self, rate_hz: int) -> Iterator[EvenMotion]:
         """Yield the motions of at least two rows and the one after."""
         times = {
             **{name: part[0] for name, part in self._joints.items()},
@@ -248,9 +185,9 @@ class _Streams:
             v = np.concatenate([part[:, 1] for part in measured], axis=1)
             goal = np.concatenate([part[:, 0] for part in goals], axis=1)
             tips, objects = self._nearest(self._tips, even), self._nearest(self._objects, even)
-            yield Motion(q, v, goal, tips, objects)
+            yield EvenMotion(q, v, goal, tips, objects)
 
-    def columns(self, motion: Motion) -> dict[str, NDArray[Any]]:
+    def columns(self, motion: EvenMotion) -> dict[str, NDArray[Any]]:
         """Return the columns of an episode; the last row of a motion is only its action's."""
         count = len(motion.joints) - 1
         columns = {
@@ -358,136 +295,3 @@ def _with_unit(topic: str, name: str, place: int) -> str:
 
 def _poses(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(f"{name}.{part}" for name in names for part in POSE_PARTS)
-
-
-# ------------------------------------------------------------------ datasets
-
-
-@dataclass(frozen=True)
-class _ArmNumbers:
-    """Numbers of a dataset that are an arm's joints.
-
-    Attributes:
-        column: of the dataset
-        places: in it, in the order of the joints
-        joints: their names
-        jaw: whether the last one is the jaw
-        scales: to rad or m
-    """
-
-    column: str
-    places: tuple[int, ...]
-    joints: tuple[str, ...]
-    jaw: bool
-    scales: tuple[float, ...]
-
-
-def _by_names(dataset: Dataset) -> dict[str, _ArmNumbers]:
-    """Return the joints of arms by the names of numbers, from the first column that has all.
-
-    Columns whose names have units come first.
-
-    Raises:
-        InputError: no column has those of an arm
-    """
-    columns = [name for name in dataset.features if name.startswith("observation.")]
-    found: dict[str, _ArmNumbers] = {}
-    # Names without units are perhaps those of scaled numbers: others are preferred.
-    for units, column in itertools.product((True, False), columns):
-        arms: dict[str, dict[str, tuple[int, float]]] = {}
-        for place, name in enumerate(dataset.features[column].names):
-            match = NAMED.fullmatch(name)
-            if match is not None and bool(match["unit"]) is units:
-                scale = SCALES[(match["unit"] or "rad").lower()]
-                joint = match["joint"].lower().strip("_")
-                arms.setdefault(match["arm"].upper(), {})[joint] = place, scale
-        for arm, numbers in arms.items():
-            if arm not in found and (one := _arm_numbers(arm, column, numbers)) is not None:
-                found[arm] = one
-    if found:
-        return found
-    seen = "; ".join(
-        f"{name}: {', '.join(dataset.features[name].names[:8])}, ..." for name in columns
-    )
-    raise InputError(
-        f"{dataset.root}: no column names all joints of an arm; got {seen or 'no observation'};"
-        " allowed: names such as PSM1.yaw_rad, or --columns PSM1=observation.state[0:7]"
-    )
-
-
-def _arm_numbers(
-    arm: str, column: str, numbers: Mapping[str, tuple[int, float]]
-) -> _ArmNumbers | None:
-    """Return the joints of an arm, None where one is missing."""
-    joints, jaw = _joints_of(arm)
-    own = joints[: len(joints) - jaw]
-    named = dict(numbers)
-    counted = {int(m[1]): n for n in numbers if (m := NUMBERED.fullmatch(n)) is not None}
-    for place, number in enumerate(sorted(counted)):
-        if number == min(counted) + place and place < len(joints):
-            named.setdefault(joints[place], numbers[counted[number]])
-    if not all(name in named for name in own):
-        return None
-    kept = joints if jaw and joints[-1] in named else own
-    places, scales = zip(*(named[name] for name in kept), strict=True)
-    return _ArmNumbers(column, places, kept, len(kept) > len(own), scales)
-
-
-def _chosen(dataset: Dataset, columns: Sequence[str]) -> dict[str, _ArmNumbers]:
-    """Return the joints of arms as they were chosen."""
-    found: dict[str, _ArmNumbers] = {}
-    for text in columns:
-        if (match := CHOSEN.fullmatch(text)) is None:
-            raise InputError(
-                f"--columns: got {text!r}; allowed: ARM=COLUMN[FIRST:LAST], e.g."
-                " PSM1=observation.state[0:7]"
-            )
-        arm, column = match[1], match[2]
-        if column not in dataset.features:
-            raise UnknownNameError("column", column, dataset.features, str(dataset.root))
-        joints, jaw = _joints_of(arm)
-        names = dataset.features[column].names
-        places = range(int(match[3]), int(match[4]))
-        counts = (len(joints), len(joints) - jaw) if jaw else (len(joints),)
-        if len(places) not in counts or places.stop > len(names):
-            allowed = " or ".join(map(str, counts))
-            raise InputError(
-                f"--columns: got {text!r}: {len(places)} of {len(names)} numbers; allowed:"
-                f" {allowed} ({', '.join(joints)})"
-            )
-        units = [re.search(r"_(rad|deg|mm|m)$", names[k]) for k in places]
-        scales = tuple(SCALES[unit[1]] if unit else 1.0 for unit in units)
-        kept = joints[: len(places)]
-        found[arm] = _ArmNumbers(column, tuple(places), kept, len(kept) == counts[0], scales)
-    return found
-
-
-def _joints_of(arm: str) -> tuple[tuple[str, ...], bool]:
-    """Return the joints of an arm by its name, the jaw last, and whether it has one."""
-    kind = arm.upper().rstrip("0123456789")
-    if kind not in ARMS:
-        raise UnknownNameError("arm", arm, ("PSM1", "PSM2", "PSM3", "ECM", "MTML", "MTMR"))
-    described = load_arm(ARMS[kind])
-    return recorded_joints(described), described.has_jaw
-
-
-def _streams_of(
-    dataset: Dataset, episode: int, found: Mapping[str, _ArmNumbers]
-) -> dict[str, JointSamples]:
-    """Return the joint states of an episode, {topic: samples}."""
-    rows = dataset.rows(episode)
-    times = np.asarray(rows[INDEXES[1]], np.float64) / dataset.rate_hz
-    streams: dict[str, JointSamples] = {}
-    for arm, one in found.items():
-        q = np.asarray(rows[one.column], np.float64)[:, one.places] * np.array(one.scales)
-        if not np.isfinite(q).all():
-            raise LogError(
-                str(dataset.data_file(episode)),
-                f"{one.column}: episode {episode} has positions of {arm} that are not finite",
-            )
-        own = len(one.joints) - one.jaw
-        streams[f"/{arm}{MEASURED}"] = JointSamples(one.joints[:own], times, q[:, :own])
-        if one.jaw:
-            jaw = JointSamples(one.joints[own:], times, q[:, own:])
-            streams[f"/{arm}{JAW}{MEASURED}"] = jaw
-    return streams

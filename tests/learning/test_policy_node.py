@@ -29,10 +29,19 @@ class SceneClient(ServedClient):
         self.start()
 
 
-@pytest.mark.parametrize(("scene", "script"), [("needle-reach", "file"), ("needle-pick", "own")])
-def test_a_policy_node_succeeds_in_a_served_scene(scene: str, script: str) -> None:
+@pytest.mark.parametrize(
+    ("scene", "policy"),
+    [
+        ("needle-reach", "reach.py"),
+        ("needle-pick", "scripted"),
+        ("needle-pick", "needle-pick.toml"),
+    ],
+)
+def test_a_policy_node_succeeds_in_a_served_scene(scene: str, policy: str) -> None:
+    if policy.endswith(".toml"):
+        pytest.importorskip("safetensors", reason="safetensors is not installed (extra learn)")
     client = SceneClient(scene, 3)
-    of = PolicyFile(REACH).script if script == "file" else scripted
+    of = scripted if policy == "scripted" else PolicyFile(REACH.with_name(policy)).script
     found = PolicyNode(client, make_task(scene), of, seed=3).run()
     assert found.success, found.reason
     client.sleep(0.3)  # settled there, too

@@ -34,8 +34,8 @@ class PolicyNode:
 
     A copy of the scene is put where the robot and its objects are, every 20 ms: the policy reads
     the copy, and limits, inverse kinematics and the count of goals are those of the simulation.
-    Goals are those of a seed. Without a topic of the object in a jaw, as on a real robot, contacts
-    in the copy determine it.
+    Goals are those of a seed. The object in a jaw is the published one; a real robot has no such
+    topic, and contacts of the copy, which is moved every 20 ms, do not replace it.
 
     Args:
         client: of the topics, started
@@ -103,7 +103,7 @@ class PolicyNode:
                     if (left := due - client.now()) > 0.0:
                         client.sleep(left)
                 self._mirror()
-                self._look()
+                task.look()
                 watch(task.time)
         return task.result(self._seed)
 
@@ -199,6 +199,7 @@ class PolicyNode:
                     )
             arms = {name: np.append(q, self._jaws.get(name, ())) for name, q in self._q.items()}
             poses = dict(self._poses)
+            self._task.referee.reported = dict(self._held)
         for name, q in arms.items():
             limits = world.arms[name].joints
             world.set_state(name, np.clip(q, limits.lower, limits.upper))
@@ -207,13 +208,3 @@ class PolicyNode:
         self._task.controller.drive(
             {name: (q, np.zeros(len(q))) for name, q in self._commanded.items()}
         )
-
-    def _look(self) -> None:
-        """Read, measure and judge as `Task.look` does, with the grasps that are published."""
-        task, referee = self._task, self._task.referee
-        referee.read()
-        with self._lock:
-            held = {**referee.held, **self._held}
-        referee.held = {name: holds for name, holds in held.items() if holds}
-        task.measure()
-        referee.judge(task.met, task.accomplished)

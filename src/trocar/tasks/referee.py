@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from enum import StrEnum
 
 import numpy as np
@@ -57,6 +57,8 @@ class Referee:
         states: of all objects, then
         tips: true ones of the driven arms in the world, then, {arm: (3,)} [m]
         held: objects that both fingers press, then, {arm: object}
+        reported: the same from elsewhere, which replaces them from the next reading on; "" for
+            nothing, {arm: object}
         distance: length of each tip's path, {arm: length} [m]
         force: largest net force of contacts on each arm, {arm: force} [N]
         grip: largest force of the weaker finger on an object, {arm: force} [N]
@@ -68,6 +70,7 @@ class Referee:
         self._rows = {name: row for row, name in enumerate(self._world.objects)}
         self.goals: tuple[tuple[Goal, Array], ...] = ()
         self._floor = -np.inf
+        self.reported: Mapping[str, str] = {}
         self.states = self._world.object_states()
         self.begin()
 
@@ -102,6 +105,10 @@ class Referee:
             if grasp.object and arm in self.grip:
                 self.held[arm] = grasp.object
                 self.grip[arm] = max(self.grip[arm], grasp.force)
+        for arm, name in self.reported.items():
+            self.held.pop(arm, None)
+            if name:
+                self.held[arm] = name
         for arm, force in world.contact_forces().items():
             if arm in self.force:
                 self.force[arm] = max(self.force[arm], math.hypot(*force.tolist()))

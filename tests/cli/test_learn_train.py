@@ -15,10 +15,13 @@ def test_a_clone_is_trained_written_and_plays(
     pytest.importorskip("torch", reason="training needs PyTorch")
     out = tmp_path / "run"
     words = ["learn", "train", "needle-reach", "--method", "bc", "--episodes", "8"]
-    words += ["--steps", "150", "--no-video", "--json", "-o", str(out)]
+    words += ["--steps", "150", "--copies", "1", "--shift", "3"]
+    words += ["--no-video", "--json", "-o", str(out)]
     assert main(words) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["episodes"] == 8
+    assert document["settings"]["shift_m"] == pytest.approx(3e-3)
+    assert document["settings"]["turn_rad"] == pytest.approx(0.075)
     assert document["command"].startswith("trocar learn train needle-reach --method bc")
     written = {file.name for file in out.iterdir()}
     assert {"policy.toml", "policy.safetensors", "curve.csv", "training.json"} <= written
@@ -50,6 +53,8 @@ def test_a_folder_with_a_policy_is_kept(tmp_path: Path, capsys: pytest.CaptureFi
         ("bc", ["--steps", "0"], "--steps: got 0; allowed: 1 or more"),
         ("bc", ["--epochs", "2", "--steps", "3"], "--steps: has no effect here; allowed without"),
         ("bc", ["--seed", "-1"], "--seed: got -1; allowed: 0 or more"),
+        ("bc", ["--copies", "-1"], "--copies: got -1; allowed: 0 or more"),
+        ("bc", ["--shift", "0"], "--shift: got 0; allowed: above 0 mm"),
     ],
 )
 def test_options_without_effect_are_refused(

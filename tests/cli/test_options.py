@@ -69,8 +69,9 @@ DRAWN = {
     "render -o {o}/a.png": "--rig two_psm_ecm",
     "render -o {o}/a.png --show depth": "--rig two_psm_ecm",
 }
-#: Commands whose modes need files that are too large, or devices.
-ELSEWHERE = {"calibrate-camera", "conform", "identify", "import-dvrk", "learn-drive", "track"}
+#: Commands whose modes need files that are too large, or devices, or train for minutes.
+ELSEWHERE = {"calibrate-camera", "conform", "identify", "import-dvrk", "track"}
+ELSEWHERE |= {name for name in COMMANDS if name.startswith("learn-")}
 #: Exclude each other and are required, so that argparse refuses them.
 SOURCES = {"ros1", "ros2", "websocket", "bag"}
 BLOCK = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"

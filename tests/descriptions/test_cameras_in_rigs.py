@@ -35,7 +35,7 @@ def test_every_rig_with_an_ecm_has_an_endoscope(name: str) -> None:
     scopes = [arm.name for arm in found.arms if arm.arm.type == "ECM"]
     cameras = {camera.name: camera for camera in found.cameras}
     assert ("endoscope" in cameras) == bool(scopes)
-    assert ("room" in cameras) == name.startswith("full_cart")
+    assert ("room" in cameras) == (name.startswith("full_cart") or name.endswith("_si"))
     for camera in cameras.values():
         assert camera.source
     if scopes:

@@ -9,6 +9,7 @@ import pytest
 
 from trocar.descriptions.catalogue import load_scene
 from trocar.descriptions.randomisation import Randomisation, read_randomisation
+from trocar.descriptions.records import GraspKind
 from trocar.errors import InputError
 from trocar.learning.readings import SceneReadings, read_task
 from trocar.learning.scene_batch import SceneBatch
@@ -34,11 +35,12 @@ def worst(batch: SceneReadings, world: int, task: SceneReadings) -> float:
     return max(found)
 
 
+@pytest.mark.parametrize("grasp", ["friction", "friction+stick"])
 @pytest.mark.parametrize("name", ["needle-pick", "needle-reach"])
-def test_a_world_moves_and_is_seen_as_the_task_with_its_seed(name: str) -> None:
+def test_a_world_moves_and_is_seen_as_the_task_with_its_seed(name: str, grasp: GraspKind) -> None:
     scene = load_scene(name).randomised(WIDE)
-    batch = SceneBatch(scene, 2, threads=1)
-    task = make_task(replace(scene, rig=replace(scene.rig, grasp="friction")))
+    batch = SceneBatch(scene, 2, threads=1, grasp=grasp)
+    task = make_task(replace(scene, rig=replace(scene.rig, grasp=grasp)))
     batch.reset(seeds=[1, 2])
     batch.reset([True, False], [7])  # one world alone, anew
     task.reset(2)

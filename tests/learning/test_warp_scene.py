@@ -246,10 +246,10 @@ def test_a_library_that_is_not_installed_is_named_with_its_extra(monkeypatch, li
 @pytest.mark.slow
 def test_stable_baselines_trains_on_worlds_of_warp():
     sb3 = pytest.importorskip("stable_baselines3", reason=LEARN)
-    from trocar.learning.warp_baselines import WarpVecEnv
+    from trocar.learning.vec_env import WorldsVecEnv
 
     env = WarpVectorEnv("ecm-reach", 2, device="cpu", max_steps=2, action_period=0.02)
-    worlds = WarpVecEnv(env)
+    worlds = WorldsVecEnv(env)
     assert worlds.observation_space.contains(worlds.reset()[1])
     worlds.step_async(np.zeros((2, env.action_size)))
     _, _, ended, infos = worlds.step_wait()

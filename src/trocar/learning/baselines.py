@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -108,7 +109,8 @@ def train_actor(
         scene: a scene, its name, or the path of its file
         method: one of `METHODS`
         settings: of the training
-        device: "cpu" or "cuda", of the networks; the scene is simulated on the CPU
+        device: "cpu" or "cuda", of the networks; PPO's worlds are simulated on it, too (extra gpu),
+            with actions of tips
         archive: .zip to keep what Stable-Baselines3 saves, which plays with --trust; the .toml
             beside it has the settings of `TaskEnv`
         watch: called after each evaluation
@@ -123,6 +125,8 @@ def train_actor(
     torch, sb3 = torch_on(device), _stable_baselines()
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
+    if method == "ppo" and device != "cpu":
+        settings = replace(settings, env={**settings.env, "obs": "state", "action": "tip"})
     judge = TaskEnv(scene, **settings.env)
     try:
         make = _sac_her if method == "sac-her" else _ppo
@@ -199,9 +203,9 @@ def _sac_her(torch: Any, sb3: Any, scene: Scene | str, settings: ActorSettings, 
 
 
 def _ppo(torch: Any, sb3: Any, scene: Scene | str, settings: ActorSettings, device: str) -> Any:  # noqa: ARG001
-    """Return an untrained PPO."""
-    worlds = sb3.common.vec_env.DummyVecEnv(
-        [lambda: SceneEnv(scene, **settings.env)] * settings.worlds
+    """Return an untrained PPO on worlds side by side: on CPU threads, or all on the device."""
+    worlds = import_module("trocar.learning.vec_env").make_worlds(
+        scene, settings.worlds, device=device, seed=settings.seed, **settings.env
     )
     return sb3.PPO(
         "MlpPolicy",
@@ -221,7 +225,7 @@ def _judged(sb3: Any, model: Any, judge: TaskEnv, settings: ActorSettings, watch
         due = settings.every
 
         def _on_step(self) -> bool:
-            if self.num_timesteps >= min(self.due, settings.steps):
+            if self.num_timesteps >= self.due:
                 self.due += settings.every
                 policy = actor(_policy(judge, model, settings))
                 watch(self.num_timesteps, successes(judge, policy, SEEDS) / len(SEEDS))

@@ -195,10 +195,15 @@ class WarpVectorEnv:
         info = {"final_obs": final, "is_success": success, "broken": broken}
         return obs, reward.float(), terminated, truncated, info
 
+    def close(self) -> None:
+        """Release what the worlds' task opened."""
+        self.scene.task.close()
+
     def _tip_actions(self, actions: Tensor) -> Tensor:
         """Return the actions of `TipController` for those of kind "tip"."""
         least, largest = self.scene.limits
-        values = actions.to(self.scene.device, torch.float64).clamp(-1.0, 1.0)
+        values = torch.as_tensor(actions, dtype=torch.float64, device=self.scene.device)
+        values = values.clamp(-1.0, 1.0)
         if tuple(values.shape) != (self.n, self.action_size):
             raise InputError(
                 f"{self.scene.task.scene.name}: got actions of shape {tuple(values.shape)};"

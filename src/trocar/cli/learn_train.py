@@ -40,7 +40,7 @@ def add_arguments(parser: ArgumentParser) -> None:
                                           learning by Stable-Baselines3
         -o,--out DIR required             folder for policy.toml, policy.safetensors, curve.csv,
                                           curve.png, training.json and episode.mp4
-        --device cpu|cuda = cpu           of the networks
+        --device cpu|cuda = cpu           of the networks; of ppo's worlds, too (extra gpu)
         --seed N:int = 0                  of initial weights, order and exploration
         --steps N:int                     gradient steps of bc (default: 8000), or steps of the
                                           environment (default: sac-her 5000, ppo 40000)

@@ -30,7 +30,7 @@ Bools = NDArray[np.bool_]
 Index = NDArray[np.intp]
 
 #: Contacts of a finger with an object that a sensor reads, those with the largest forces. Source:
-#: measured on the scripted policies of all scenes: 5 at most.
+#: our own choice; with it, grasps of whole scripted episodes are those of `Task`.
 CONTACTS = 8
 #: Readings of each contact: force in the contact's axes, normal first, and the normal in the world.
 DATA = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE) | 1 << int(

@@ -145,6 +145,10 @@ def test_an_interruption_says_so(trocar, monkeypatch):
         (["--all"], "the following arguments are required: COMMAND (see trocar --help)"),
         (["fly"], "unknown command 'fly'; known: sim, play, "),
         (["simm"], "unknown command 'simm' (did you mean 'sim'?); known: sim, "),
+        (
+            ["learn", "trian"],
+            "unknown command 'learn trian' (did you mean 'learn train'?); known: learn collect, ",
+        ),
         (["fk"], "fk: the following arguments are required: ARM, Q (see trocar fk --help)"),
         (["fk", "psm", "much"], "fk: argument Q: got 'much'; allowed: a number"),
         (["fk", "psm", "-much"], "fk: the following arguments are required: Q"),

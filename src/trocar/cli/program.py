@@ -130,7 +130,9 @@ def _run(words: list[str]) -> int:
         words = ["-".join(words[:2]), *words[2:]]
     command = next((word for word in words if not word.startswith("-")), None)
     if command is not None and command not in COMMANDS:
-        raise UnknownNameError("command", command, COMMANDS)
+        pairs = [name.replace("-", " ", 1) for name in COMMANDS if name.startswith(f"{command}-")]
+        typed = " ".join(words[:2]) if pairs else command  # "learn trian"
+        raise UnknownNameError("command", typed, pairs or COMMANDS)
     parser = build_parser((command or "",))
     if not words:
         parser.print_help()

@@ -59,7 +59,7 @@ SURROL: Mapping[str, Mapping[str, Any]] = {
     "NeedleRegrasp": {"scene": "needle-regrasp", **_PSM, "action": "surrol-pitch"},
     "BiPegTransfer": {"scene": "bi-peg-transfer", **_PSM},
     "ECMReach": {"scene": "ecm-reach", **_ECM},
-    # What it asks for is no place.
+    # Its goal is an angle, no place.
     "MisOrient": {"scene": "misorient", **_ECM, "obs": "state", "action": "surrol-roll"},
     "StaticTrack": {"scene": "static-track", **_ECM},
     # Its reward is dense and its observation flat.

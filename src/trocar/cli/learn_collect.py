@@ -11,15 +11,16 @@ from __future__ import annotations
 import re
 import shlex
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_json, add_overwrite, allow, options
 from trocar.cli.output import print_result, progress_bar
+from trocar.cli.worlds import script_of
+from trocar.descriptions.catalogue import load_scene
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
-    from trocar.tasks.play import Script
+    pass
 
 SUMMARY = "collect episodes of a scene as a LeRobot dataset"
 ORDER = 16
@@ -82,7 +83,7 @@ def run(args: Namespace) -> int:
         allow(args, "without --cluster HOST:PORT", "workers")
     from trocar.learning.collecting import Collection, collect
 
-    script, name = _policy(args)
+    script, name = script_of(args.policy, load_scene(args.scene), args.trust)
     collection = Collection(args.scene, script, name, args.noise, args.images, args.mcap)
     seeds = range(args.seed, args.seed + args.episodes)
     with progress_bar("episodes") as draw:
@@ -114,22 +115,6 @@ def run(args: Namespace) -> int:
         ),
     )
     return 0
-
-
-def _policy(args: Namespace) -> tuple[Script, str]:
-    """Return the policy and its name."""
-    from trocar.descriptions.catalogue import load_scene
-    from trocar.tasks.play import scripted
-
-    if args.policy == "scripted":
-        return scripted, "scripted"
-    from trocar.learning.policies import ALLOWED, PolicyFile
-
-    if not Path(args.policy).suffix:
-        raise InputError(f"--policy: got {args.policy!r}; allowed: scripted, or a file: {ALLOWED}")
-    found = PolicyFile(args.policy, args.trust)
-    found.check(load_scene(args.scene))
-    return found.script, found.name
 
 
 def _command(args: Namespace) -> str:

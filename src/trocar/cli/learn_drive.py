@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_json, allow, options
 from trocar.cli.output import fixed, print_result
+from trocar.cli.worlds import script_of
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
@@ -46,16 +47,11 @@ def run(args: Namespace) -> int:
         allow(args, "with --policy FILE.zip", "trust")
     if args.seed < 0:
         raise InputError(f"--seed: got {args.seed}; allowed: 0 or more")
-    from trocar.learning.policies import PolicyFile
     from trocar.learning.policy_node import PolicyNode
     from trocar.tasks import make_task
-    from trocar.tasks.play import scripted
 
-    task, script = make_task(args.scene), scripted
-    if args.policy != "scripted":
-        file = PolicyFile(args.policy, args.trust)
-        file.check(task.scene)
-        script = file.script
+    task = make_task(args.scene)
+    script, _ = script_of(args.policy, task.scene, args.trust)
     duration_s = float("inf") if args.duration is None else args.duration
     with closing(_client(args)) as client:
         client.start()

@@ -26,6 +26,7 @@ from trocar.cli.worlds import (
     images_of_headless,
     look_of,
     recording,
+    script_of,
 )
 from trocar.descriptions.catalogue import load_scene
 from trocar.errors import DescriptionError, InputError
@@ -98,7 +99,10 @@ def run(args: Namespace) -> int:
             raise InputError(f"--{name}: got {value}; allowed: {least} or more")
     _allow(args)
     args.scene = _scene(args)
-    script, policy = _policy(args)
+    own = args.policy in (None, "scripted", "none")
+    named = "scripted" if own else args.policy
+    script, policy = script_of(named, _loaded(args.scene), args.trust, " none,")
+    policy = "" if own else policy
     if args.plan:
         _write_plan(args)
     if not args.headless:
@@ -227,23 +231,6 @@ def _write_plan(args: Namespace) -> None:
             _register(task, args, stack)
         task.reset(args.seed)
         task.make_plan().save(path, overwrite=args.overwrite)
-
-
-def _policy(args: Namespace) -> tuple[Script, str]:
-    """Return the script that drives, and the name of its file, "" of the scene's own."""
-    from trocar.tasks.play import scripted
-
-    if args.policy in (None, "scripted", "none"):
-        return scripted, ""
-    from trocar.learning.policies import ALLOWED, PolicyFile
-
-    if not Path(args.policy).suffix:
-        raise InputError(
-            f"--policy: got {args.policy!r}; allowed: scripted, none, or a file: {ALLOWED}"
-        )
-    found = PolicyFile(args.policy, args.trust)
-    found.check(_loaded(args.scene))
-    return found.script, found.name
 
 
 def _serve(args: Namespace, script: Script, policy: str) -> int:

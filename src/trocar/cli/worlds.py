@@ -1,4 +1,4 @@
-"""World, recording and cameras of a command, with their options."""
+"""World, policy, recording and cameras of a command, with their options."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import fields
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from trocar.cli.arguments import (
@@ -22,11 +23,13 @@ from trocar.errors import InputError
 
 if TYPE_CHECKING:
     from trocar.cli.arguments import Arguments
+    from trocar.descriptions.scenes import Scene
     from trocar.live import Loop
     from trocar.live.images import ImageRenderer, Pictures
     from trocar.rendering import Look, Series
     from trocar.simulation import World
     from trocar.simulation.records import ShapeRecord
+    from trocar.tasks.play import Script
 
     Shapes = tuple[int, Sequence[ShapeRecord]]
 
@@ -283,3 +286,30 @@ def images_of_headless(world: World, args: Namespace) -> AbstractContextManager[
     return images_recorded(
         world, lambda: _series(look, lambda ask: ask(world)), rate, args.image_format
     )
+
+
+def script_of(policy: str, scene: Scene, trust: bool, other: str = "") -> tuple[Script, str]:
+    """Return the script of --policy, and its name.
+
+    Args:
+        policy: "scripted", or a file
+        scene: that it plays
+        trust: whether files whose reading runs code are read
+        other: further values that the command allows, for the error
+
+    Raises:
+        InputError: neither, a file that is no policy, or one of another scene
+    """
+    from trocar.tasks.play import scripted
+
+    if policy == "scripted":
+        return scripted, policy
+    from trocar.learning.policies import ALLOWED, PolicyFile
+
+    if not Path(policy).suffix:
+        raise InputError(
+            f"--policy: got {policy!r}; allowed: scripted,{other} or a file: {ALLOWED}"
+        )
+    file = PolicyFile(policy, trust)
+    file.check(scene)
+    return file.script, file.name

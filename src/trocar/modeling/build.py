@@ -121,6 +121,8 @@ class RigModel:
         for name in DIGESTED:
             found.update(np.ascontiguousarray(getattr(self.mj, name)).tobytes())
         found.update(repr((self.options.timestep, self.options.control, self.rig.grasp)).encode())
+        for name, numbers in self._controllers:
+            found.update(name.encode() + numbers.tobytes())
         return found.hexdigest()[:12]
 
 

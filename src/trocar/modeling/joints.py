@@ -19,6 +19,7 @@ from trocar.descriptions.records import (
 from trocar.errors import InputError
 from trocar.kinematics.loops import loops_are_parallelograms
 from trocar.modeling import naming
+from trocar.modeling.gravity import GravityModel, gravity_model
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -86,7 +87,8 @@ class JointTable:
             discs are coupled
         tolerance: error of an actuator that trips the arm, inf where none does [rad or m]
         fingers: joints that have a spring and no motor, as a master's gripper, (J,) bool
-        braked: joints with a brake, (J,) bool
+        braked: joints of setup arms, whose brakes hold them rigidly, (J,) bool
+        gravity: chains that controllers compute gravity compensation from, None without any
     """
 
     names: tuple[str, ...]
@@ -106,6 +108,7 @@ class JointTable:
     tolerance: Array
     fingers: NDArray[np.bool_]
     braked: NDArray[np.bool_]
+    gravity: GravityModel | None
 
     def __len__(self) -> int:
         return len(self.names)
@@ -208,6 +211,7 @@ def joint_table(
         tolerance,
         fingers,
         braked,
+        gravity_model(rig, tuple(names), {name: index.rows for name, index in arms.items()}),
     )
 
 

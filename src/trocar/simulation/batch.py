@@ -33,6 +33,7 @@ from trocar.simulation.drives import (
     spring_fields,
 )
 from trocar.simulation.frames import Frames
+from trocar.simulation.gravity_compensation import GravityCompensation
 from trocar.simulation.object_kinematics import ObjectKinematics
 from trocar.simulation.reading_errors import ReadingErrors
 from trocar.simulation.servos import POSITION, MotorEffort, pid_effort, read_matrix
@@ -155,6 +156,10 @@ class Batch:
         #: The worlds at rest, with nothing but their weight.
         self._still = Rows(_weight_only(self._model), self.n, self._rows.nthread)
         self._still_qpos, self._weight = self._still.bind("qpos"), self._still.bind("qfrc_bias")
+        gravity = self._table.gravity
+        self._coefficients = (
+            None if gravity is None else GravityCompensation(gravity, self._table.drive)
+        )
         self._servos = world.servos.save()
         self._gains = np.broadcast_to(self._effective(), (self.n, len(self.names), 3))
         self._read = self._own_read()
@@ -587,6 +592,11 @@ class Batch:
         if self._drives is not None:
             for world, out in zip(worlds.tolist(), holding, strict=True):
                 out += self._drives.holding(self._qpos[world])
+        if self._coefficients is not None:
+            for world, out in zip(worlds.tolist(), holding, strict=True):
+                errors = self._errors[world] if self._errors else None
+                qpos = self._qpos[world] if errors is None else errors.qpos()
+                self._coefficients.write(qpos, out)
         self._inputs[worlds, :, 2] = self._servos["balanced"] * holding
 
     def _compute_torque(self) -> None:

@@ -121,8 +121,13 @@ class RigModel:
         for name in DIGESTED:
             found.update(np.ascontiguousarray(getattr(self.mj, name)).tobytes())
         found.update(repr((self.options.timestep, self.options.control, self.rig.grasp)).encode())
-        for name, numbers in self._controllers:
-            found.update(name.encode() + numbers.tobytes())
+        for place in self.rig.arms:
+            control = place.arm.control.get(self.options.control)
+            own = None if control is None else (control.observer, control.pid_output_max)
+            links, brakes = place.arm.gravity_links, [joint.brake for joint in place.arm.joints]
+            if links or any(brakes) or (own and any(own)):
+                said = place.name, place.mounting_pitch, links, own, brakes
+                found.update(repr(said).encode())
         return found.hexdigest()[:12]
 
 

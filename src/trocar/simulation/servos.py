@@ -9,11 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.modeling.joints import INPUTS, JointTable
+from trocar.modeling.options import STIFF_IMPEDANCE, STIFF_STEPS
 from trocar.simulation.computed_torque import ComputedTorque
+from trocar.simulation.observers import Observers
 from trocar.simulation.reading_errors import ReadingErrors
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+Index = NDArray[np.intp]
 
 #: Control modes of a joint, as small integers in `Servos.modes`.
 POSITION, EFFORT, SET = 0, 1, 2
@@ -22,7 +25,7 @@ POSITION, EFFORT, SET = 0, 1, 2
 #: (measured). [N m s/rad or N s/m]
 HOLDING_DAMPING = 1e18
 #: Attributes that determine gains, brakes and limits in the model.
-WRITTEN = ("modes", "gains", "limit", "locked", "powered")
+WRITTEN = ("modes", "gains", "limit", "locked", "powered", "engaged")
 #: Attributes that servos save beside the physics state.
 SAVED = (*WRITTEN, "balanced", "computed", "commanded", "holding", "before")
 #: The part of the physics state that joints are read from, in this order.
@@ -78,24 +81,21 @@ class MotorEffort:
     Args:
         table: the joints
         rows: which of them
-
-    Attributes:
-        limits: largest efforts as they act, (n,) [N m or N]; `renew` sets them
     """
 
     def __init__(self, table: JointTable, rows: slice) -> None:
-        self.renew(np.zeros(0))
+        self.renew(np.zeros(0), np.zeros(0))
         self._slope, self._corner = table.slope[rows], table.corner[rows]
         self._slowest = float(self._corner.min(initial=np.inf)) ** 2
 
-    def renew(self, limits: Array) -> None:
-        """Set the largest efforts, (n,) [N m or N]."""
-        self.limits, self._opposite = limits, -limits
+    def renew(self, lower: Array, upper: Array) -> None:
+        """Set the limits of efforts as they act, (..., n) [N m or N]; they may change in place."""
+        self._lower, self._upper = lower, upper
 
     def limit(self, effort: Array, qd: Array) -> None:
         """Limit the efforts that servos call for at speeds, in place, (..., n) each."""
-        np.minimum(effort, self.limits, out=effort)
-        np.maximum(effort, self._opposite, out=effort)
+        np.minimum(effort, self._upper, out=effort)
+        np.maximum(effort, self._lower, out=effort)
         if qd.ndim > 1 or qd.dot(qd) > self._slowest:  # else no joint is fast enough
             effort -= self._slope * (qd - np.clip(qd, -self._corner, self._corner))
 
@@ -122,6 +122,9 @@ class Servos:
         commanded: efforts of joints under open-loop control, (J,) [N m or N]
         holding: efforts that hold every motor's load, computed last, (J,) [N m or N]
         before: velocities of the set-points at the last physics step with computed torque, (J,)
+        engaged: brakes of arms that hold against their motors, (J,) bool
+        lower, upper: limits of efforts as they act, (J,) each [N m or N]
+        observers: disturbance observers, None without any
         revision: counts the changes of modes, gains, brakes and limits
     """
 
@@ -142,10 +145,27 @@ class Servos:
         self.locked, self.powered = table.braked.copy(), np.ones(count, np.bool_)
         self.balanced = ~table.fingers & (table.compensated | table.braked)
         self.commanded, self.holding, self.before = np.zeros((3, count))
-        self.computed = np.zeros(count, np.bool_)
+        self.computed, self.engaged = np.zeros((2, count), np.bool_)
+        self.lower, self.upper = np.zeros((2, count))
+        self._capped = np.isfinite(table.output_max)
+        self._caps = bool(self._capped.any())
+        #: Joints whose limits in the model are not always those of their motors.
+        self._ranged = np.flatnonzero(self._capped | (table.brake > 0.0))
+        self.observers = None
+        if (table.observer[:, 1] > 0.0).any():
+            self.observers = Observers(table, float(model.opt.timestep))
+        watched = 0 if self.observers is None else len(self.observers.rows)
+        #: State of the observers, the rest that is fed forward, and that of the last step.
+        self._observed, self._steady, self._fed = np.zeros((3, watched))
+        self._observing: Bools | None = None
+        self._observed_revision = -1
         self._computed_torque: ComputedTorque | None = None
         self.revision = 0
         self._turned = np.zeros((count, model.nv), np.bool_)
+        #: Dry friction of each joint's brake on degrees of freedom, (J, nv), and those.
+        self._brake = table.brake[:, None] * abs(table.rate)
+        self._clutched = np.flatnonzero(self._brake.any(axis=0))
+        self._soft = model.dof_solref[self._clutched].copy(), model.dof_solimp[self._clutched].copy()
         self._braked: list[tuple[slice, int]] = []
         for arm in table.arms.values():
             self._turned[arm.rows, arm.dof] = arm.turned
@@ -156,6 +176,7 @@ class Servos:
         self._state = np.zeros(mujoco.mj_stateSize(model, READ_STATE))
         self._read = np.zeros((0, 0))
         self._motors = MotorEffort(table, slice(None))
+        self._motors.renew(self.lower, self.upper)
         self._actuators = np.zeros((0, 0))
         self._read_revision = -1
         self._written: tuple[bytes, ...] = ()
@@ -178,16 +199,16 @@ class Servos:
         gains = self.gains * self.servoed[:, None]
         return gains, np.where(self.driven, self.limit, 0.0)
 
-    def matrix(self) -> tuple[Array, Array]:
-        """Return READ and the limits of efforts as of now, (3 J, n) and (J,)."""
+    def matrix(self) -> Array:
+        """Return READ as of now, (3 J, n); `lower` and `upper` are as of now, too."""
         if self._read_revision != self.revision:
             gains, limits = self.effective
-            self._motors.renew(limits)
+            self._bound(limits)
             sizes = self._model.nq, self._model.nv
             self._read = read_matrix(self.table, gains, sizes)
             self._actuators = self.table.actuators * self.servoed
             self._read_revision = self.revision
-        return self._read, self._motors.limits
+        return self._read
 
     def read(self, out: Array | None = None) -> Array:
         """Return measured positions, velocities and efforts of every joint, (3, J)."""
@@ -217,7 +238,7 @@ class Servos:
         return self._data.qpos if self.errors is None else self.errors.qpos()
 
     def _found(self, state: Array, out: Array | None = None) -> Array:
-        read, _ = self.matrix()
+        read = self.matrix()
         count, nq, nv = len(self.table), self._model.nq, self._model.nv
         found = np.empty((3, count)) if out is None else out
         q, qd, effort = found
@@ -251,6 +272,60 @@ class Servos:
     def write_efforts(self) -> None:
         """Write commanded and balancing efforts into the servos."""
         np.add(self.commanded, self.balanced * self.holding, out=self._feed)
+        if self.observers is not None:
+            self._steady = self._feed[self.observers.rows]
+        if self._caps:
+            self._bound(self.effective[1])
+            self._write_ranges()
+
+    def observe(self) -> None:
+        """Write the efforts of disturbance observers into the servos, for one step.
+
+        MuJoCo's `actuator_force` is the effort of the last step as of its beginning, limited: that
+        of PID and observer, and what was fed forward.
+        """
+        observers, data, state = self.observers, self._data, self._observed
+        if observers is None:
+            return
+        if self._observed_revision != self.revision:
+            on = (self.servoed & ~self.computed)[observers.rows]
+            self._observing = None if on.all() else on
+            self._observed_revision = self.revision
+        rows, on = observers.rows, self._observing
+        effort = data.actuator_force.take(rows)
+        effort -= self._fed
+        before = None if on is None else state.copy()
+        added = observers.observe(state, effort, data.qvel.take(observers.dof))
+        if on is not None and before is not None:
+            state[:] = np.where(on, state, before)
+            added = np.where(on, added, 0.0)
+        self._fed = self._steady
+        self._feed[rows] = added + self._steady
+        if self.errors is not None:
+            data.ctrl.reshape(self.setpoint.shape)[rows, 2] = self._feed[rows]
+
+    def observations(self) -> Array:
+        """Return states of disturbance observers, and efforts of PID and observer, (2, J)."""
+        found = np.zeros((2, len(self.table)))
+        if self.observers is not None:
+            rows = self.observers.rows
+            found[:, rows] = self._observed, self._data.actuator_force[rows] - self._fed
+        return found
+
+    def begin_observing(self, found: Array) -> None:
+        """Have disturbance observers go on from what `observations` returned, (2, J)."""
+        if self.observers is not None:
+            rows = self.observers.rows
+            self._fed = self._steady = (self.commanded + self.balanced * self.holding)[rows]
+            self._observed[:] = found[0, rows]
+            self._data.actuator_force[rows] = self._fed + found[1, rows]
+
+    def forget(self, which: Index) -> None:
+        """Forget what disturbance observers found at some joints, by rows of the table."""
+        if self.observers is not None:
+            chosen = np.isin(self.observers.rows, which)
+            self._observed[chosen] = 0.0
+            self._data.actuator_force[self.observers.rows[chosen]] = self._fed[chosen]
 
     def compute_torque(self) -> None:
         """Write the efforts of computed torque into the servos that have it, for one step."""
@@ -280,13 +355,43 @@ class Servos:
         model.actuator_biasprm[own, 2] = -gains[:, 2]
         model.actuator_forcerange[own, 0] = -self.limit
         model.actuator_forcerange[own, 1] = self.limit
-        held = self._turned[(still | ~self.powered) & ~table.fingers].any(axis=0)
+        if len(self._ranged):
+            self._bound(self.effective[1])
+            self._write_ranges()
+        bare = ~self.powered & (table.brake == 0.0)  # without a brake something holds them all the same
+        held = self._turned[(still | bare) & ~table.fingers].any(axis=0)
         model.dof_damping[:] = np.where(held, HOLDING_DAMPING, self._viscous)
         locked = self._turned[self.locked].any(axis=0)  # spare the physics what brakes hold
         model.dof_frictionloss[:] = np.where(locked, 0.0, self._dry)
+        if len(self._clutched):
+            self._engage(model)
         for rows, group in self._braked:
             bit = group if self.locked[rows].all() else 0
             model.opt.disableactuator = model.opt.disableactuator & ~group | bit
+
+    def _engage(self, model: mujoco.MjModel) -> None:
+        """Write the brakes that are engaged as dry friction that does not creep."""
+        dofs, (solref, solimp) = self._clutched, self._soft
+        added = (self.engaged[:, None] * self._brake)[:, dofs].max(axis=0)
+        model.dof_frictionloss[dofs] += added
+        stiff = [STIFF_STEPS * float(model.opt.timestep), 1.0]
+        model.dof_solref[dofs] = np.where(added[:, None] > 0.0, stiff, solref)
+        model.dof_solimp[dofs] = np.where(added[:, None] > 0.0, STIFF_IMPEDANCE, solimp)
+
+    def _bound(self, limits: Array) -> None:
+        """Set the limits of efforts: of motors, and of PID and observer beside gravity's."""
+        self.lower[:], self.upper[:] = -limits, limits
+        if self._caps:
+            which = self._capped & self.servoed
+            gravity, most = (self.balanced * self.holding)[which], self.table.output_max[which]
+            limit = limits[which]
+            self.lower[which] = np.clip(gravity - most, -limit, limit)
+            self.upper[which] = np.clip(gravity + most, -limit, limit)
+
+    def _write_ranges(self) -> None:
+        rows = self._ranged
+        self._model.actuator_forcerange[rows, 0] = self.lower[rows]
+        self._model.actuator_forcerange[rows, 1] = self.upper[rows]
 
     @property
     def friction(self) -> tuple[Array, Array]:
@@ -310,15 +415,22 @@ class Servos:
         self.gains[:], self.limit[:] = table.gains, table.effort_max
         self.locked[:], self.powered[:] = table.braked, True
         self.balanced[:] = ~table.fingers & (table.compensated | table.braked)
-        self.computed[:] = False
+        self.computed[:] = self.engaged[:] = False
         self.commanded[:] = self.holding[:] = self.before[:] = 0.0
+        self._observed[:] = 0.0
 
     def save(self) -> dict[str, Array]:
         """Return copies of everything that is set, by name."""
-        return {name: getattr(self, name).copy() for name in SAVED}
+        found: dict[str, Array] = {name: getattr(self, name).copy() for name in SAVED}
+        if self.observers is not None:
+            found["observations"] = self.observations()
+        return found
 
     def load(self, saved: Mapping[str, Array]) -> None:
         """Restore everything that `save` returned and write it into the model."""
         for name in SAVED:
-            getattr(self, name)[:] = saved[name]
+            getattr(self, name)[:] = saved.get(name, False)  # older states lack brakes of arms
         self.apply()
+        self._read_revision = -1
+        if self.observers is not None:
+            self.begin_observing(saved["observations"])

@@ -89,9 +89,7 @@ def read_control(table: Table) -> dict[str, Control]:
         for joint, observer in observers.items():
             if min(observer.mass, observer.cutoff) < 0.0:
                 raise table.fail(joint, f"got {table.raw(joint)}; allowed: 0 or more")
-        found = row.record(
-            Control, name=row.path.partition(".")[2], pid=gains, observer=observers
-        )
+        found = row.record(Control, name=row.path.partition(".")[2], pid=gains, observer=observers)
         for joint, most in found.pid_output_max.items():
             if most <= 0.0:
                 raise row.fail("pid_output_max", f"got {most:g} for {joint}; allowed: above 0")

@@ -276,7 +276,7 @@ class Batch:
         if self._observers is not None:
             rows = self._observers.rows
             self._observed[worlds], effort = self._servos["observations"][:, rows]
-            fed = (self._servos["commanded"] + self._servos["balanced"] * self._servos["holding"])
+            fed = self._servos["commanded"] + self._servos["balanced"] * self._servos["holding"]
             self._steady[worlds] = self._fed[worlds] = fed[rows]
             self._efforts[worlds] = fed[rows] + effort
         if self.grasps is not None:

@@ -165,7 +165,10 @@ class Servos:
         #: Dry friction of each joint's brake on degrees of freedom, (J, nv), and those.
         self._brake = table.brake[:, None] * abs(table.rate)
         self._clutched = np.flatnonzero(self._brake.any(axis=0))
-        self._soft = model.dof_solref[self._clutched].copy(), model.dof_solimp[self._clutched].copy()
+        self._soft = (
+            model.dof_solref[self._clutched].copy(),
+            model.dof_solimp[self._clutched].copy(),
+        )
         self._braked: list[tuple[slice, int]] = []
         for arm in table.arms.values():
             self._turned[arm.rows, arm.dof] = arm.turned
@@ -358,7 +361,9 @@ class Servos:
         if len(self._ranged):
             self._bound(self.effective[1])
             self._write_ranges()
-        bare = ~self.powered & (table.brake == 0.0)  # without a brake something holds them all the same
+        bare = ~self.powered & (
+            table.brake == 0.0
+        )  # without a brake something holds them all the same
         held = self._turned[(still | bare) & ~table.fingers].any(axis=0)
         model.dof_damping[:] = np.where(held, HOLDING_DAMPING, self._viscous)
         locked = self._turned[self.locked].any(axis=0)  # spare the physics what brakes hold

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.modeling.joints import INPUTS, JointTable
-from trocar.modeling.options import STIFF_IMPEDANCE, STIFF_STEPS
+from trocar.simulation.brakes import Brakes
 from trocar.simulation.computed_torque import ComputedTorque
 from trocar.simulation.observers import Observers
 from trocar.simulation.reading_errors import ReadingErrors
@@ -162,13 +162,7 @@ class Servos:
         self._computed_torque: ComputedTorque | None = None
         self.revision = 0
         self._turned = np.zeros((count, model.nv), np.bool_)
-        #: Dry friction of each joint's brake on degrees of freedom, (J, nv), and those.
-        self._brake = table.brake[:, None] * abs(table.rate)
-        self._clutched = np.flatnonzero(self._brake.any(axis=0))
-        self._soft = (
-            model.dof_solref[self._clutched].copy(),
-            model.dof_solimp[self._clutched].copy(),
-        )
+        self._brakes = Brakes(table, model) if table.brake.any() else None
         self._braked: list[tuple[slice, int]] = []
         for arm in table.arms.values():
             self._turned[arm.rows, arm.dof] = arm.turned
@@ -368,20 +362,11 @@ class Servos:
         model.dof_damping[:] = np.where(held, HOLDING_DAMPING, self._viscous)
         locked = self._turned[self.locked].any(axis=0)  # spare the physics what brakes hold
         model.dof_frictionloss[:] = np.where(locked, 0.0, self._dry)
-        if len(self._clutched):
-            self._engage(model)
+        if self._brakes is not None:
+            self._brakes.engage(model, self.engaged)
         for rows, group in self._braked:
             bit = group if self.locked[rows].all() else 0
             model.opt.disableactuator = model.opt.disableactuator & ~group | bit
-
-    def _engage(self, model: mujoco.MjModel) -> None:
-        """Write the brakes that are engaged as dry friction that does not creep."""
-        dofs, (solref, solimp) = self._clutched, self._soft
-        added = (self.engaged[:, None] * self._brake)[:, dofs].max(axis=0)
-        model.dof_frictionloss[dofs] += added
-        stiff = [STIFF_STEPS * float(model.opt.timestep), 1.0]
-        model.dof_solref[dofs] = np.where(added[:, None] > 0.0, stiff, solref)
-        model.dof_solimp[dofs] = np.where(added[:, None] > 0.0, STIFF_IMPEDANCE, solimp)
 
     def _bound(self, limits: Array) -> None:
         """Set the limits of efforts: of motors, and of PID and observer beside gravity's."""

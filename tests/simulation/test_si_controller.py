@@ -180,7 +180,7 @@ def test_the_cap_holds_pid_and_observer_before_gravity_is_added():
 def jerked(world: World) -> World:
     """Command steps that saturate observers."""
     arm = world.arm("PSM1")
-    arm.servo_jp(arm.joints.setpoints()[:6] + [0.1, -0.05, 0.01, 0.2, 0.1, 0.1])
+    arm.servo_jp(arm.joints.setpoints()[:6] + np.array([0.1, -0.05, 0.01, 0.2, 0.1, 0.1]))
     return world
 
 

@@ -485,12 +485,10 @@ def check_arm(arm: ArmDescription) -> None:
     for preset in arm.control.values():
         for name in preset.pid:
             check_name(arm.file, f"control.{preset.name}.pid", name, joints)
-        for key, entries in (
-            ("observer", preset.observer),
-            ("pid_output_max", preset.pid_output_max),
-        ):
-            for name in entries:
-                check_name(arm.file, f"control.{preset.name}.{key}", name, joints)
+        for name in preset.observer:
+            check_name(arm.file, f"control.{preset.name}.observer", name, joints)
+        for name in preset.pid_output_max:
+            check_name(arm.file, f"control.{preset.name}.pid_output_max", name, joints)
         lacking = [name for name in joints if name not in preset.pid]
         if lacking:
             raise DescriptionError(

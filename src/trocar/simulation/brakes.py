@@ -11,8 +11,8 @@ from trocar.modeling.options import STIFF_IMPEDANCE, STOP_STEPS
 
 Array = NDArray[np.float64]
 
-#: Ratio of the inverse inertia of a brake's dry friction to the joint's. Source: measured on PSM and
-#: ECM of an Si without power: they creep by 8.6 mrad an hour with 1, by 8.6 urad with this.
+#: Ratio of the inverse inertia of a brake's dry friction to the joint's. Source: measured on arms
+#: of an Si without power: they creep by 8.6 mrad an hour with 1, by 8.6 urad with this.
 EASE = 1e-3
 
 

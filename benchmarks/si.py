@@ -146,7 +146,7 @@ def held(world: World, compensated: bool) -> Array:
         world.step(round(SETTLE_S / world.timestep))
         error = arm.joints.positions()[:3] - goal[:3]
         drift = arm.setpoint_cp().matrix[:3, 3] - arm.measured_cp().matrix[:3, 3]
-        found.append(np.array([*error, np.linalg.norm(drift)]) ** 2)
+        found.append(np.square([*error, float(np.linalg.norm(drift))]))
     return np.array(found)
 
 

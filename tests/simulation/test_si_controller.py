@@ -18,6 +18,26 @@ from trocar.simulation import World
 G = 9.81
 
 
+#: Poses [rad, rad, m] and efforts [N m, N m, N] that the robot's own software publishes as
+#: gravity_compensation/setpoint_js for them in its simulation. Source: measured with
+#: sawIntuitiveResearchKit@9e535e6, system-PSM1_Si_KIN_SIMULATED.json and -ECM_Si_-.
+PUBLISHED = {
+    ("psm_si", "PSM1", 0.0): [
+        ((0.0, 0.0, 0.12), (-0.799593, 3.982526, -6.24897)),
+        ((-1.096907, 0.694867, 0.205668), (5.170304, -1.006525, -2.190521)),
+        ((0.454779, 0.577447, 0.051588), (-3.891908, -1.506865, -4.703594)),
+        ((0.78684, -0.995788, 0.132439), (0.332418, 6.672585, -2.399589)),
+    ],
+    ("ecm_si", "ECM", -1.22173): [
+        ((-0.013695, -0.101018, 0.17335), (-0.177856, -10.926777, -6.401204)),
+        ((-1.218421, -0.943305, 0.213868), (0.042907, -1.761827, -12.213286)),
+        ((0.78684, -0.995788, 0.127985), (-0.228678, 0.480233, -13.536549)),
+    ],
+}
+#: Mass of its endoscope, a Classic SD. Source: SAW mtsIntuitiveResearchKit.h. [kg]
+CLASSIC_SD = 1.5
+
+
 def potential(links: tuple[GravityLink, ...], pitch: float, q: dict[str, float]) -> float:
     """Return the energy of a chain's masses in a base that leans by a pitch [J]."""
     T, found = np.eye(4), 0.0
@@ -69,6 +89,20 @@ def test_compensation_is_the_slope_of_the_energy_of_the_controllers_masses(rig, 
             ]
             slopes.append((ends[0] - ends[1]) / 2e-5)
         np.testing.assert_allclose(world.servos.holding, slopes, atol=1e-7)
+
+
+@pytest.mark.parametrize(("rig", "name", "pitch"), PUBLISHED)
+def test_compensation_is_what_the_robots_own_software_publishes(rig, name, pitch):
+    found = load_rig(rig)
+    (place,) = found.arms
+    *links, last = place.arm.gravity_links
+    last = replace(last, mass=CLASSIC_SD if name == "ECM" else last.mass)
+    arm = replace(place.arm, gravity_links=(*links, last))
+    world = World(replace(found, arms=(replace(place, arm=arm, mounting_pitch=pitch),)))
+    for at, efforts in PUBLISHED[rig, name, pitch]:
+        world.set_state(name, np.concatenate([at, np.zeros(len(arm.joints) - 3)]))
+        np.testing.assert_allclose(world.servos.holding[:3], efforts, atol=2e-5)  # poses: 1e-6
+        np.testing.assert_array_equal(world.servos.holding[3:], 0.0)
 
 
 def test_an_arm_stands_as_its_controller_has_it_unless_the_rig_says_otherwise():

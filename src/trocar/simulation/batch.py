@@ -618,9 +618,9 @@ class Batch:
             for world, out in zip(worlds.tolist(), holding, strict=True):
                 out += self._drives.holding(self._qpos[world])
         if self._coefficients is not None:
-            for world, out in zip(worlds.tolist(), holding, strict=True):
-                errors = self._errors[world] if self._errors else None
-                qpos = self._qpos[world] if errors is None else errors.qpos()
+            numbers: list[int] = worlds.tolist()
+            for world, out in zip(numbers, holding, strict=True):
+                qpos = self._errors[world].qpos() if self._errors else self._qpos[world]
                 self._coefficients.write(qpos, out)
         feed = self._servos["balanced"] * holding
         self._inputs[worlds, :, 2] = feed
@@ -650,11 +650,11 @@ class Batch:
             state = np.where(self._observing, state, before)
             added = np.where(self._observing, added, 0.0)
         self._observed[worlds], self._fed[worlds] = state, self._steady[worlds]
-        fed = (added + self._steady[worlds])[..., None]
-        which = np.ix_(worlds, observers.rows, [2])
-        self._inputs[which] = fed
+        fed = added + self._steady[worlds]
+        here = worlds[:, None]
+        self._inputs[here, observers.rows, 2] = fed
         if self._errors:
-            self._ctrl.reshape(self._inputs.shape)[which] = fed
+            self._ctrl.reshape(self._inputs.shape)[here, observers.rows, 2] = fed
 
     def _compute_torque(self) -> None:
         """Feed forward computed torque for one step in every world."""

@@ -242,8 +242,8 @@ def arm_entry(arm: LabArm, tool: str, files: Files) -> dict[str, Any]:
         changed = True
     changed |= set_gains(found, arm.gains, source)
     changed |= set_observers(found, arm.gains, source)
-    discs = [j for j, g in arm.gains.items() if j not in found["control"]["dvrk"]["pid"]]
-    if any(arm.gains[j].observer or arm.gains[j].output_max for j in discs):
+    discs = [g for j, g in arm.gains.items() if j not in found["control"]["dvrk"]["pid"]]
+    if any(g.observer or g.output_max for g in discs):
         files.notes.append(
             f"{arm.name}: disturbance observers and pid_max_output of discs are not simulated,"
             " whose servos are those of joints"

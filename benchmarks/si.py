@@ -1,4 +1,4 @@
-"""An Si arm that its controller does not know: what compensation and observer leave of the error."""
+"""Errors at rest of an Si arm whose weight is not what its controller computes."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ CAD = (
 CAD_BASE = (0.0, -0.84316314, 0.0), (0.0, 0.0, np.pi / 2.0)
 #: Its pitch where the dVRK's is 0: an erratum of its zero. [rad]
 CAD_ZERO = np.radians(-9.335)
-#: Source: arXiv 2603.12099, abstract, on a robot whose gains, instrument and observer it leaves out.
+#: Source: arXiv 2603.12099, abstract; its gains, instrument and observer are not known.
 PAPER = "paper (arXiv 2603.12099): steady-state errors -68 to -84 %, drift of the tip -83 %"
 HOW = "root mean square at rest after moves to 12 poses at two mounting pitches, CAD masses"
 #: Mounting pitches of a bench and of an Si cart. [deg]

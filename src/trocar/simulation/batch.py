@@ -172,7 +172,7 @@ class Batch:
             self._ranges = self._rows.expand(LIMIT_FIELD)
         self._lower, self._upper = -limits, limits
         self._motors.renew(self._lower, self._upper)
-        self._observers = world.servos.observers
+        self._observers = world.servos.disturbance
         watched = np.arange(0) if self._observers is None else self._observers.rows
         on = (self._on & driven & ~self._servos["computed"].astype(np.bool_))[watched]
         self._observing = None if on.all() else on

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.modeling.joints import INPUTS, JointTable
-from trocar.simulation.brakes import Brakes
+from trocar.simulation.brake_friction import BrakeFriction
 from trocar.simulation.computed_torque import ComputedTorque
-from trocar.simulation.observers import Observers
+from trocar.simulation.disturbance_observers import DisturbanceObservers
 from trocar.simulation.reading_errors import ReadingErrors
 
 Array = NDArray[np.float64]
@@ -124,7 +124,7 @@ class Servos:
         before: velocities of the set-points at the last physics step with computed torque, (J,)
         engaged: brakes of arms that hold against their motors, (J,) bool
         lower, upper: limits of efforts as they act, (J,) each [N m or N]
-        observers: disturbance observers, None without any
+        disturbance: disturbance observers, None without any
         revision: counts the changes of modes, gains, brakes and limits
     """
 
@@ -138,6 +138,7 @@ class Servos:
         self.table, self._model, self._data, self.errors = table, model, data, errors
         count = len(table)
         ctrl: Array = data.ctrl.reshape(count, INPUTS)
+        self._ctrl, self._force, self._qvel = ctrl, data.actuator_force, data.qvel
         self.setpoint = ctrl if errors is None else errors.setpoint
         self._position, self._feed = self.setpoint[:, 0], self.setpoint[:, 2]
         self.modes = np.where(table.fingers, EFFORT, POSITION).astype(np.int8)
@@ -151,10 +152,10 @@ class Servos:
         self._caps = bool(self._capped.any())
         #: Joints whose limits in the model are not always those of their motors.
         self._ranged = np.flatnonzero(self._capped | (table.brake > 0.0))
-        self.observers = None
+        self.disturbance = None
         if (table.observer[:, 1] > 0.0).any():
-            self.observers = Observers(table, float(model.opt.timestep))
-        watched = 0 if self.observers is None else len(self.observers.rows)
+            self.disturbance = DisturbanceObservers(table, float(model.opt.timestep))
+        watched = 0 if self.disturbance is None else len(self.disturbance.rows)
         #: State of the observers, the rest that is fed forward, and that of the last step.
         self._observed, self._steady, self._fed = np.zeros((3, watched))
         self._observing: Bools | None = None
@@ -162,7 +163,7 @@ class Servos:
         self._computed_torque: ComputedTorque | None = None
         self.revision = 0
         self._turned = np.zeros((count, model.nv), np.bool_)
-        self._brakes = Brakes(table, model) if table.brake.any() else None
+        self._brakes = BrakeFriction(table, model) if table.brake.any() else None
         self._braked: list[tuple[slice, int]] = []
         for arm in table.arms.values():
             self._turned[arm.rows, arm.dof] = arm.turned
@@ -269,60 +270,63 @@ class Servos:
     def write_efforts(self) -> None:
         """Write commanded and balancing efforts into the servos."""
         np.add(self.commanded, self.balanced * self.holding, out=self._feed)
-        if self.observers is not None:
-            self._steady = self._feed[self.observers.rows]
+        if self.disturbance is not None:
+            self._steady = self._feed[self.disturbance.rows]
         if self._caps:
             self._bound(self.effective[1])
             self._write_ranges()
 
-    def observe(self) -> None:
+    def observe_disturbance(self) -> None:
         """Write the efforts of disturbance observers into the servos, for one step.
 
         MuJoCo's `actuator_force` is the effort of the last step as of its beginning, limited: that
         of PID and observer, and what was fed forward.
         """
-        observers, data, state = self.observers, self._data, self._observed
+        observers = self.disturbance
         if observers is None:
             return
         if self._observed_revision != self.revision:
             on = (self.servoed & ~self.computed)[observers.rows]
             self._observing = None if on.all() else on
             self._observed_revision = self.revision
-        rows, on = observers.rows, self._observing
-        effort = data.actuator_force.take(rows)
+        rows, on, state = observers.rows, self._observing, self._observed
+        effort = self._force.take(rows)
         effort -= self._fed
-        before = None if on is None else state.copy()
-        added = observers.observe(state, effort, data.qvel.take(observers.dof))
-        if on is not None and before is not None:
-            state[:] = np.where(on, state, before)
-            added = np.where(on, added, 0.0)
+        rates = self._qvel.take(observers.dof)
+        if on is None:
+            added = observers.observe(state, effort, rates)
+        else:
+            before = state.copy()
+            added = observers.observe(state, effort, rates) * on
+            np.copyto(state, before, where=~on)
         self._fed = self._steady
-        self._feed[rows] = added + self._steady
+        added += self._steady
+        self._feed[rows] = added
         if self.errors is not None:
-            data.ctrl.reshape(self.setpoint.shape)[rows, 2] = self._feed[rows]
+            self._ctrl[rows, 2] = added
 
     def observations(self) -> Array:
         """Return states of disturbance observers, and efforts of PID and observer, (2, J)."""
         found = np.zeros((2, len(self.table)))
-        if self.observers is not None:
-            rows = self.observers.rows
-            found[:, rows] = self._observed, self._data.actuator_force[rows] - self._fed
+        if self.disturbance is not None:
+            rows = self.disturbance.rows
+            found[:, rows] = self._observed, self._force[rows] - self._fed
         return found
 
     def begin_observing(self, found: Array) -> None:
         """Have disturbance observers go on from what `observations` returned, (2, J)."""
-        if self.observers is not None:
-            rows = self.observers.rows
+        if self.disturbance is not None:
+            rows = self.disturbance.rows
             self._fed = self._steady = (self.commanded + self.balanced * self.holding)[rows]
             self._observed[:] = found[0, rows]
-            self._data.actuator_force[rows] = self._fed + found[1, rows]
+            self._force[rows] = self._fed + found[1, rows]
 
     def forget(self, which: Index) -> None:
         """Forget what disturbance observers found at some joints, by rows of the table."""
-        if self.observers is not None:
-            chosen = np.isin(self.observers.rows, which)
+        if self.disturbance is not None:
+            chosen = np.isin(self.disturbance.rows, which)
             self._observed[chosen] = 0.0
-            self._data.actuator_force[self.observers.rows[chosen]] = self._fed[chosen]
+            self._force[self.disturbance.rows[chosen]] = self._fed[chosen]
 
     def compute_torque(self) -> None:
         """Write the efforts of computed torque into the servos that have it, for one step."""
@@ -412,7 +416,7 @@ class Servos:
     def save(self) -> dict[str, Array]:
         """Return copies of everything that is set, by name."""
         found: dict[str, Array] = {name: getattr(self, name).copy() for name in SAVED}
-        if self.observers is not None:
+        if self.disturbance is not None:
             found["observations"] = self.observations()
         return found
 
@@ -422,5 +426,5 @@ class Servos:
             getattr(self, name)[:] = saved.get(name, False)  # older states lack brakes of arms
         self.apply()
         self._read_revision = -1
-        if self.observers is not None:
+        if self.disturbance is not None:
             self.begin_observing(saved["observations"])

@@ -1014,8 +1014,8 @@ class World:
                 acts.append(part.before_step)
         if np.count_nonzero(self.servos.computed):
             acts.insert(0, self.servos.compute_torque)
-        if self.servos.observers is not None:
-            acts.insert(0, self.servos.observe)
+        if self.servos.disturbance is not None:
+            acts.insert(0, self.servos.observe_disturbance)
         #: Physics steps between two calls of what acts.
         self._longest = 1 if self._moving or acts else self._stride
         if self.servos.errors is not None:  # hands over set-points, which no step changes

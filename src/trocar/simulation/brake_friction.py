@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 EASE = 1e-3
 
 
-class Brakes:
+class BrakeFriction:
     """The brakes of a rig's joints in its compiled model.
 
     MuJoCo's dry friction yields by the inverse inertia of its hinge alone (`dof_invweight0`); of a

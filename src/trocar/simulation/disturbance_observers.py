@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 
-class Observers:
+class DisturbanceObservers:
     """The disturbance observers of a rig's joints; arrays are (..., K), of those that have one.
 
     With the effort u that PID and observer called for at the last step, the velocity v, the nominal

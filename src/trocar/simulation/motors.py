@@ -197,7 +197,7 @@ class Motors:
 
     @property
     def engaged(self) -> Bools:
-        """Which brakes of the arm are engaged, (n,), a view; setup joints have `locked`."""
+        """Mask of the brakes that are engaged, (n,), a view; setup joints have `locked`."""
         return self._servos.engaged[self.index.rows]
 
     def release(self) -> None:

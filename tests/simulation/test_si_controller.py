@@ -206,9 +206,23 @@ def test_the_cap_holds_pid_and_observer_before_gravity_is_added():
     world.step(1)
     _, _, effort = world.servos.read()
     assert effort[1] == pytest.approx(10.0 + world.servos.holding[1], abs=1e-9)
+    assert world.mj_data.actuator_force[1] == pytest.approx(effort[1], abs=1e-9)
     world.arm("PSM1").servo_jf([0.0, 12.0, 0.0, 0.0, 0.0, 0.0])  # users' efforts have none
     world.step(1)
     assert world.servos.read()[2][1] == pytest.approx(12.0 + world.servos.holding[1], abs=0.1)
+
+
+def test_computed_torque_takes_the_place_of_observers():
+    world = World("psm_si")
+    arm = world.arm("PSM1")
+    world.step(40)
+    arm.joints.use_computed_torque(True)
+    arm.servo_jp([0.05, -0.75, 0.13, 0.0, 0.0, 0.0])
+    world.step(300)
+    np.testing.assert_array_equal(world.servos.observations()[0], 0.0)
+    arm.joints.use_computed_torque(False)
+    world.step(100)
+    assert np.abs(world.servos.observations()[0, :3]).max() > 0.0
 
 
 def jerked(world: World) -> World:
@@ -234,8 +248,11 @@ def test_a_saved_state_goes_on_with_its_observers(errors):
     world.step(57)
     state = pickle.loads(pickle.dumps(world.save()))
     other = World("psm_si", errors=errors, seed=3)
-    other.step(11)
+    other.arm("PSM1").joints.use_gravity_compensation(False)
+    other.step(311)
     other.load(state)
+    bounds = world.mj_model.actuator_forcerange, other.mj_model.actuator_forcerange
+    np.testing.assert_array_equal(*bounds)
     for one in (world, other):
         one.step(100)
     assert world.save().row.tobytes() == other.save().row.tobytes()

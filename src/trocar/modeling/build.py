@@ -124,10 +124,11 @@ class RigModel:
         for place in self.rig.arms:
             control = place.arm.control.get(self.options.control)
             own = None if control is None else (control.observer, control.pid_output_max)
-            links, brakes = place.arm.gravity_links, [joint.brake for joint in place.arm.joints]
-            if links or any(brakes) or (own and any(own)):
-                said = place.name, place.mounting_pitch, links, own, brakes
-                found.update(repr(said).encode())
+            brakes = [joint.brake for joint in place.arm.joints]
+            if any(brakes) or (own and any(own)):
+                found.update(repr((place.name, own, brakes)).encode())
+        if any(place.arm.gravity_links for place in self.rig.arms):
+            found.update(b"" if self.joints.gravity is None else self.joints.gravity.digested)
         return found.hexdigest()[:12]
 
 

@@ -34,6 +34,13 @@ class GravityModel:
     couple: Array
     rows: NDArray[np.bool_]
 
+    @property
+    def digested(self) -> bytes:
+        """All numbers that efforts depend on."""
+        mj = self.mj
+        fields = mj.body_mass, mj.body_ipos, mj.body_pos, mj.body_quat, self.couple
+        return b"".join(np.ascontiguousarray(field).tobytes() for field in fields)
+
 
 def gravity_model(
     rig: RigDescription, names: tuple[str, ...], rows: Mapping[str, slice]

@@ -273,7 +273,6 @@ class Servos:
         if self.disturbance is not None:
             self._steady = self._feed[self.disturbance.rows]
         if self._caps:
-            self._bound(self.effective[1])
             self._write_ranges()
 
     def observe_disturbance(self) -> None:
@@ -326,6 +325,7 @@ class Servos:
         if self.disturbance is not None:
             chosen = np.isin(self.disturbance.rows, which)
             self._observed[chosen] = 0.0
+            self._observed_revision = -1
             self._force[self.disturbance.rows[chosen]] = self._fed[chosen]
 
     def compute_torque(self) -> None:
@@ -356,12 +356,8 @@ class Servos:
         model.actuator_biasprm[own, 2] = -gains[:, 2]
         model.actuator_forcerange[own, 0] = -self.limit
         model.actuator_forcerange[own, 1] = self.limit
-        if len(self._ranged):
-            self._bound(self.effective[1])
-            self._write_ranges()
-        bare = ~self.powered & (
-            table.brake == 0.0
-        )  # without a brake something holds them all the same
+        self._write_ranges()
+        bare = ~self.powered & (table.brake == 0.0)
         held = self._turned[(still | bare) & ~table.fingers].any(axis=0)
         model.dof_damping[:] = np.where(held, HOLDING_DAMPING, self._viscous)
         locked = self._turned[self.locked].any(axis=0)  # spare the physics what brakes hold
@@ -383,7 +379,11 @@ class Servos:
             self.upper[which] = np.clip(gravity + most, -limit, limit)
 
     def _write_ranges(self) -> None:
+        """Write the limits of efforts into the model, where they are not always the motors'."""
         rows = self._ranged
+        if not len(rows):
+            return
+        self._bound(self.effective[1])
         self._model.actuator_forcerange[rows, 0] = self.lower[rows]
         self._model.actuator_forcerange[rows, 1] = self.upper[rows]
 
@@ -425,6 +425,6 @@ class Servos:
         for name in SAVED:
             getattr(self, name)[:] = saved.get(name, False)  # older states lack brakes of arms
         self.apply()
-        self._read_revision = -1
+        self._write_ranges()
         if self.disturbance is not None:
             self.begin_observing(saved["observations"])

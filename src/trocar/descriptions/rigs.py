@@ -81,7 +81,8 @@ class RigArmKeys:
     frame: str | None = field(default=None, metadata=key())
     place: str | None = field(default=None, metadata=key())
     mounting_pitch: float | None = field(
-        default=None, metadata=key("angle", least=-np.pi, most=np.pi, see="si.md#the-controller")
+        default=None,
+        metadata=key("angle", least=-np.pi, most=np.pi, shown="deg", see="si.md#the-controller"),
     )
 
 

@@ -215,7 +215,7 @@ class Motors:
         rows = self.index.rows
         self._servos.computed[rows] = ~self.fingers & on
         self._servos.before[rows] = self._servos.setpoint[rows, 1]
-        self._servos.forget(np.arange(rows.start, rows.stop))
+        self._servos.forget(np.arange(len(self._servos.limit))[rows])
         self._servos.write_efforts()
 
     def apply(self) -> None:

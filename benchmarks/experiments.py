@@ -150,6 +150,11 @@ EXPERIMENTS = (
         extra="identify",
     ),
     Experiment(
+        "si",
+        "errors at rest of an Si arm with compensation and observer on and off",
+        "benchmarks.si:controller",
+    ),
+    Experiment(
         "errors",
         "distance of tips from the poses that robots report",
         "benchmarks.errors:errors",

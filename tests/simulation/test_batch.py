@@ -32,7 +32,9 @@ def follow(world: World, q: np.ndarray) -> None:
             arm.jaw.servo_jp(q[rows][own:])
 
 
-@pytest.mark.parametrize("rig", ["psm", "two_psm_ecm", "pegs", "full_cart"])
+@pytest.mark.parametrize(
+    "rig", ["psm", "two_psm_ecm", "pegs", "full_cart", "psm_si", "full_cart_si"]
+)
 def test_every_world_of_a_batch_moves_as_a_world_does_to_the_last_bit(rig):
     world, batch = World(rig), Batch(rig, N, threads=2)
     first = world.servos.setpoint[:, 0].copy()

@@ -142,7 +142,12 @@ FREE = Block(extra=((Key("*", form="any"), ""),))
 FILES: dict[str, Block] = {
     "arm": Block(
         (ArmKeys,),
-        rows={**PARTS, "missing": Block((records.Missing,)), "erratum": Block((Erratum,))},
+        rows={
+            **PARTS,
+            "gravity_link": Block((records.GravityLink,)),
+            "missing": Block((records.Missing,)),
+            "erratum": Block((Erratum,)),
+        },
         tables={
             **PART_TABLES,
             "counterweight": Block((records.Counterweight,)),

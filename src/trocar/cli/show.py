@@ -284,6 +284,15 @@ def _sections(arm: Document) -> Iterator[str]:
         ]
         gains = table(["joint", "P", "I", "D", "effort"], rows)
         yield f"Gains {control['name']!r}: {', '.join(on)}\n{gains}"
+        observers, caps = control["observer"], control["pid_output_max"]
+        if observers or caps:
+            head = ["joint", "nominal mass [kg m^2, kg]", "cut-off [rad/s]", "cap [N m, N]"]
+            none = {"mass": None, "cutoff": None}
+            rows = [
+                [name, *map(short, observers.get(name, none).values()), short(caps.get(name))]
+                for name in dict.fromkeys((*observers, *caps))
+            ]
+            yield "Disturbance observers, and caps of PID and observer\n" + table(head, rows)
     if (coupling := arm["coupling"]) is not None:
         joints, matrix = coupling["joints"], coupling["actuator_to_joint"]
         yield "Coupling: joints from actuators [rad]\n" + table(

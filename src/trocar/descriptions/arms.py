@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,14 +29,23 @@ from trocar.descriptions.records import (
     Counterweight,
     Friction,
     Gains,
+    GravityLink,
     JointDescription,
     Missing,
+    Observer,
 )
 from trocar.descriptions.shapes import read_body
 from trocar.descriptions.table import Table
 from trocar.errors import DescriptionError, InputError, TrocarError
 from trocar.kinematics.coupling import Coupling
-from trocar.kinematics.mechanism import Closure, Frame, Joint, Mechanism, check_mechanism
+from trocar.kinematics.mechanism import (
+    Closure,
+    Frame,
+    Joint,
+    Mechanism,
+    Motion,
+    check_mechanism,
+)
 
 Array = NDArray[np.float64]
 
@@ -75,9 +84,26 @@ def read_control(table: Table) -> dict[str, Control]:
             gains[joint] = Gains(*pid.numbers(joint, 3))
             if min(gains[joint].p, gains[joint].i, gains[joint].d) < 0.0:
                 raise pid.fail(joint, f"got {pid.raw(joint)}; allowed: 0 or more")
-        return row.record(Control, name=row.path.partition(".")[2], pid=gains)
+        table = row.optional_table("observer")
+        observers = {joint: Observer(*table.numbers(joint, 2)) for joint in table.entries()}
+        for joint, observer in observers.items():
+            if min(observer.mass, observer.cutoff) < 0.0:
+                raise table.fail(joint, f"got {table.raw(joint)}; allowed: 0 or more")
+        found = row.record(Control, name=row.path.partition(".")[2], pid=gains, observer=observers)
+        for joint, most in found.pid_output_max.items():
+            if most <= 0.0:
+                raise row.fail("pid_output_max", f"got {most:g} for {joint}; allowed: above 0")
+        return found
 
     return table.named("control", read)
+
+
+def _read_gravity_link(row: Table) -> GravityLink:
+    motion = row.text("motion", "fixed", allowed=get_args(Motion))
+    link = row.record(GravityLink, turns=motion != "prismatic")
+    if (motion == "fixed") != (not link.q):
+        raise row.fail("q", "a moving link needs q = { joint = ratio }, a fixed one has none")
+    return link
 
 
 def read_coupling(table: Table) -> Coupling | None:
@@ -263,6 +289,7 @@ def read_arm(table: Table, tool: ToolDescription | None) -> ArmDescription:
     parts = _read_parts(table, name)
     balance = read_counterweight(table)
     plan = read_calibration(table)
+    links = table.each("gravity_link", _read_gravity_link, again="name")
     table.raw("erratum")  # of the arm's source; descriptions.paper reads them
     table.done()
     if not parts.frames or parts.frames[0].name != keys.root:
@@ -309,6 +336,7 @@ def read_arm(table: Table, tool: ToolDescription | None) -> ArmDescription:
         row_sources=parts.sources,
         block_sources=parts.block_sources,
         calibration=plan,
+        gravity_links=links,
     )
     if plan is not None and (problem := check_plan(plan, mechanism)):
         raise table.fail("calibration.axes", problem)
@@ -374,7 +402,12 @@ def _mount(arm: Parts, tool: ToolDescription) -> Parts:
     """Append a tool's parts to an arm's; poses and control sets join by name."""
     extra = tool.parts
     control = {
-        name: replace(preset, pid={**preset.pid, **extra.control[name].pid})
+        name: replace(
+            preset,
+            pid={**preset.pid, **extra.control[name].pid},
+            observer={**preset.observer, **extra.control[name].observer},
+            pid_output_max={**preset.pid_output_max, **extra.control[name].pid_output_max},
+        )
         if name in extra.control
         else preset
         for name, preset in arm.control.items()
@@ -452,11 +485,18 @@ def check_arm(arm: ArmDescription) -> None:
     for preset in arm.control.values():
         for name in preset.pid:
             check_name(arm.file, f"control.{preset.name}.pid", name, joints)
+        for name in preset.observer:
+            check_name(arm.file, f"control.{preset.name}.observer", name, joints)
+        for name in preset.pid_output_max:
+            check_name(arm.file, f"control.{preset.name}.pid_output_max", name, joints)
         lacking = [name for name in joints if name not in preset.pid]
         if lacking:
             raise DescriptionError(
                 arm.file, f"control.{preset.name}.pid", f"has no gains for {', '.join(lacking)}"
             )
+    for link in arm.gravity_links:
+        for name in link.q:
+            check_name(arm.file, f"gravity_link {link.name}.q", name, joints)
     _check_poses(arm)
     _check_drives(arm)
 

@@ -23,7 +23,7 @@ from trocar.descriptions.threads import ChainThread
 from trocar.descriptions.tissues import Tissue
 from trocar.errors import UnknownNameError
 from trocar.kinematics.coupling import Coupling
-from trocar.kinematics.mechanism import JointKind, Mechanism
+from trocar.kinematics.mechanism import JointKind, Mechanism, Motion
 
 Array = NDArray[np.float64]
 #: Colliding part of a drawn solid: nothing, its convex pieces, or a box or capsule about them all.
@@ -139,6 +139,7 @@ class JointDescription:
         stop_lower, stop_upper: mechanical stops inside the limits (of a jaw: 0) [rad or m]
         no_load, stall: of the motor at its supply's voltage: speed without effort, effort at rest
             if only the winding limited it; default: no such limit [rad/s or m/s, N m or N]
+        brake: effort that its brake holds when engaged; default: no brake [N m or N]
         spring: of a joint that has a sensor and no motor
         source: of the numbers
     """
@@ -170,6 +171,9 @@ class JointDescription:
         )
     )
     stall: float = field(metadata=key("torque", "force", above=0.0, default=np.inf))
+    brake: float = field(
+        metadata=key("torque", "force", above=0.0, default=0.0, see="si.md#brakes")
+    )
     spring: Spring | None
     source: str = field(metadata=key(default=""))
 
@@ -199,6 +203,19 @@ class Gains:
 
 
 @dataclass(frozen=True)
+class Observer:
+    """A disturbance observer: d = low-pass(u + mass cutoff v) - mass cutoff v is added to u.
+
+    Attributes:
+        mass: nominal inertia or mass that the motor moves [kg m^2 or kg]
+        cutoff: of the low-pass filter [rad/s]
+    """
+
+    mass: float
+    cutoff: float
+
+
+@dataclass(frozen=True)
 class Control:
     """A named set of gains.
 
@@ -206,6 +223,10 @@ class Control:
         name: of the set
         pid: {joint: gains}; in a file P, I, D in SI, `{ yaw = [120.0, 0.0, 6.0] }`
         gravity_compensation, effort_limits: whether the servo has them
+        observer: {joint: disturbance observer}; in a file nominal mass in SI and cut-off in rad/s,
+            `{ yaw = [0.01, 50.0] }`; default: none
+        pid_output_max: {joint: largest effort of PID and observer, without gravity}; in a file in
+            SI, `{ yaw = 10.0 }`; default: the motor's
         source: of the numbers
     """
 
@@ -213,7 +234,41 @@ class Control:
     pid: Mapping[str, Gains] = field(metadata=key(form="any"))
     gravity_compensation: bool = field(metadata=key(default=True))
     effort_limits: bool = field(metadata=key(default=True))
-    source: str = field(metadata=key(default=""))
+    observer: Mapping[str, Observer] = field(
+        default_factory=dict[str, Observer], metadata=key(form="any", see="si.md#the-controller")
+    )
+    pid_output_max: Mapping[str, float] = field(
+        default_factory=dict[str, float], metadata=key(see="si.md#the-controller")
+    )
+    source: str = field(default="", metadata=key())
+
+
+@dataclass(frozen=True, eq=False)
+class GravityLink:
+    """A link of the chain that an arm's controller computes gravity compensation from.
+
+    Each hangs on the one before, the first on the arm's root, by modified DH parameters.
+
+    Attributes:
+        name: of the link
+        a, alpha, d, theta: the motion adds to theta or d [m, rad, m, rad]
+        motion: about or along z
+        q: `{ pitch = -1.0 }`: coordinate = sum of ratio times joint
+        mass: [kg]
+        com: centre of mass, (3,) [m]
+        source: of the numbers
+    """
+
+    name: str = field(metadata=key())
+    a: float = field(default=0.0, metadata=key("length"))
+    alpha: float = field(default=0.0, metadata=key("angle"))
+    d: float = field(default=0.0, metadata=key("length"))
+    theta: float = field(default=0.0, metadata=key("angle"))
+    motion: Motion = field(default="fixed", metadata=key())
+    q: Mapping[str, float] = field(default_factory=dict[str, float], metadata=key())
+    mass: float = field(default=0.0, metadata=key("mass", least=0.0))
+    com: Array = field(default_factory=lambda: np.zeros(3), metadata=key("length", size=3))
+    source: str = field(default="", metadata=key())
 
 
 @dataclass(frozen=True)
@@ -267,6 +322,8 @@ class ArmDescription:
         block_sources: {block: source} of the other blocks ("friction identified", "rotor", the
             mounted tool, ...); a block of the tool has the tool's name in front
         calibration: plan of its calibration report, None where its file has none
+        gravity_links: what its controller computes gravity compensation from; () where that
+            carries the true weight
         overlay: the calibration that it carries, None of a nominal arm
     """
 
@@ -292,6 +349,7 @@ class ArmDescription:
     block_sources: Mapping[str, str]
     calibration: CalibrationPlan | None = None
     overlay: Overlay | None = None
+    gravity_links: tuple[GravityLink, ...] = ()
 
     @property
     def root(self) -> str:
@@ -362,6 +420,8 @@ class RigArm:
         frame: the frame of that arm that it is mounted on, "" for the world
         pose: T_mount_root, the arm's root in that frame (4, 4)
         base_frame: the frame of `measured_cp`, None where that follows from the rig
+        mounting_pitch: turn of its root about x from upright, for gravity compensation by
+            `gravity_links`, None where that is as the arm stands at the start [rad]
     """
 
     name: str
@@ -370,6 +430,7 @@ class RigArm:
     frame: str
     pose: Array
     base_frame: BaseFrame | None = None
+    mounting_pitch: float | None = None
 
     @property
     def own_frame(self) -> str:

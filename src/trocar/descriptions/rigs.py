@@ -69,6 +69,9 @@ class RigArmKeys:
         on: carrier: the world, an earlier arm, or `HRSV`, the stereo display
         frame: of the carrier; default: `mount`
         place: frame to place there: `rcm`, ...; default: the arm's root
+        mounting_pitch: turn of the arm about its x from upright, as its controller has it for
+            gravity compensation by coefficients; default: as the arm stands in the pose `start`
+            [rad]
     """
 
     name: str = field(metadata=key())
@@ -77,6 +80,10 @@ class RigArmKeys:
     on: str = field(default="world", metadata=key())
     frame: str | None = field(default=None, metadata=key())
     place: str | None = field(default=None, metadata=key())
+    mounting_pitch: float | None = field(
+        default=None,
+        metadata=key("angle", least=-np.pi, most=np.pi, shown="deg", see="si.md#the-controller"),
+    )
 
 
 @dataclass(frozen=True)
@@ -205,8 +212,15 @@ def _read_arm(
     at = read_pose(row) @ inverse(root_place)
     if on == DISPLAY and display is not None:
         at = display @ at
+    if keys.mounting_pitch is not None and not arm.gravity_links:
+        raise row.fail(
+            "mounting_pitch",
+            f"got one of {arm.name}, whose controller has no coefficients of gravity compensation;"
+            " allowed: of an arm with [[gravity_link]]",
+        )
     base_frame = _read_base_frame(row)
-    return RigArm(name, arm, "" if carrier is None else on, frame, at, base_frame)
+    carried = "" if carrier is None else on
+    return RigArm(name, arm, carried, frame, at, base_frame, keys.mounting_pitch)
 
 
 def _read_base_frame(row: Table) -> BaseFrame | None:

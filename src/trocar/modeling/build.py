@@ -121,6 +121,14 @@ class RigModel:
         for name in DIGESTED:
             found.update(np.ascontiguousarray(getattr(self.mj, name)).tobytes())
         found.update(repr((self.options.timestep, self.options.control, self.rig.grasp)).encode())
+        for place in self.rig.arms:
+            control = place.arm.control.get(self.options.control)
+            own = None if control is None else (control.observer, control.pid_output_max)
+            brakes = [joint.brake for joint in place.arm.joints]
+            if any(brakes) or (own and any(own)):
+                found.update(repr((place.name, own, brakes)).encode())
+        if any(place.arm.gravity_links for place in self.rig.arms):
+            found.update(b"" if self.joints.gravity is None else self.joints.gravity.digested)
         return found.hexdigest()[:12]
 
 

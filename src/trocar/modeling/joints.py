@@ -19,6 +19,7 @@ from trocar.descriptions.records import (
 from trocar.errors import InputError
 from trocar.kinematics.loops import loops_are_parallelograms
 from trocar.modeling import naming
+from trocar.modeling.gravity import GravityModel, gravity_model
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -86,7 +87,12 @@ class JointTable:
             discs are coupled
         tolerance: error of an actuator that trips the arm, inf where none does [rad or m]
         fingers: joints that have a spring and no motor, as a master's gripper, (J,) bool
-        braked: joints with a brake, (J,) bool
+        braked: joints of setup arms, whose brakes hold them rigidly, (J,) bool
+        observer: nominal mass and cut-off of its disturbance observer, 0 without one, (J, 2)
+            [kg m^2 or kg, rad/s]
+        output_max: largest effort of PID and observer, inf without such a limit [N m or N]
+        brake: effort that an engaged brake holds, 0 of joints without one [N m or N]
+        gravity: chains that controllers compute gravity compensation from, None without any
     """
 
     names: tuple[str, ...]
@@ -106,6 +112,10 @@ class JointTable:
     tolerance: Array
     fingers: NDArray[np.bool_]
     braked: NDArray[np.bool_]
+    observer: Array
+    output_max: Array
+    brake: Array
+    gravity: GravityModel | None
 
     def __len__(self) -> int:
         return len(self.names)
@@ -136,7 +146,8 @@ def joint_table(
     rate, share = np.zeros((count, model.nv)), np.zeros((count, model.nv))
     lower, upper, effort, slope, corner, tolerance = (np.zeros(count) for _ in range(6))
     actuators = np.eye(int(count))
-    gains = np.zeros((count, INPUTS))
+    gains, observer = np.zeros((count, INPUTS)), np.zeros((count, 2))
+    output_max, brake = np.full(count, np.inf), np.zeros(count)
     balanced, fingers, braked = (np.zeros(count, np.bool_) for _ in range(3))
     for rig_arm in rig.arms:
         index = arms[rig_arm.name] = _arm_index(rig_arm, model, joints, len(names))
@@ -161,6 +172,11 @@ def joint_table(
             held |= rig_arm.arm.type == "MTM"
             tolerance[row] = np.inf if held else joint.tracking_tolerance
             gains[row] = pid.p, pid.i, pid.d
+            if joint.name in gains_of.observer:
+                watched = gains_of.observer[joint.name]
+                observer[row] = watched.mass, watched.cutoff
+            output_max[row] = gains_of.pid_output_max.get(joint.name, np.inf)
+            brake[row] = joint.brake
             fingers[row] = joint.spring is not None
         coupling = rig_arm.arm.coupling
         if coupling is not None:
@@ -187,6 +203,9 @@ def joint_table(
         gains,
         actuators,
         tolerance,
+        observer,
+        output_max,
+        brake,
     )
     for array in numbers:
         array.setflags(write=False)
@@ -208,6 +227,10 @@ def joint_table(
         tolerance,
         fingers,
         braked,
+        observer,
+        output_max,
+        brake,
+        gravity_model(rig, tuple(names), {name: index.rows for name, index in arms.items()}),
     )
 
 

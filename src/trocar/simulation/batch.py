@@ -33,6 +33,7 @@ from trocar.simulation.drives import (
     spring_fields,
 )
 from trocar.simulation.frames import Frames
+from trocar.simulation.gravity_compensation import GravityCompensation
 from trocar.simulation.object_kinematics import ObjectKinematics
 from trocar.simulation.reading_errors import ReadingErrors
 from trocar.simulation.servos import POSITION, MotorEffort, pid_effort, read_matrix
@@ -155,12 +156,30 @@ class Batch:
         #: The worlds at rest, with nothing but their weight.
         self._still = Rows(_weight_only(self._model), self.n, self._rows.nthread)
         self._still_qpos, self._weight = self._still.bind("qpos"), self._still.bind("qfrc_bias")
+        gravity = self._table.gravity
+        self._coefficients = (
+            None if gravity is None else GravityCompensation(gravity, self._table.drive)
+        )
         self._servos = world.servos.save()
         self._gains = np.broadcast_to(self._effective(), (self.n, len(self.names), 3))
         self._read = self._own_read()
-        driven = self._servos["locked"] == 0
+        driven = (self._servos["locked"] == 0) & self._servos["powered"]
         self._motors = MotorEffort(self._table, slice(None))
-        self._motors.renew(np.where(driven, self._servos["limit"], 0.0))
+        limits = np.where(driven, self._servos["limit"], 0.0)
+        self._capped = np.isfinite(self._table.output_max) & self._on & driven
+        if self._capped.any():  # each world has its own
+            limits = np.tile(limits, (self.n, 1))
+            self._ranges = self._rows.expand(LIMIT_FIELD)
+        self._lower, self._upper = -limits, limits
+        self._motors.renew(self._lower, self._upper)
+        self._observers = world.servos.disturbance
+        watched = np.arange(0) if self._observers is None else self._observers.rows
+        on = (self._on & driven & ~self._servos["computed"].astype(np.bool_))[watched]
+        self._observing = None if on.all() else on
+        #: State of the observers, the rest that is fed forward, that of the last step, and what the
+        #: motors exerted there.
+        self._observed, self._steady, self._fed, self._efforts = np.zeros((4, self.n, len(watched)))
+        self._force = self._rows.bind("actuator_force")
         self._ctrl = self._rows.bind("ctrl")
         self._qpos, self._qvel = self._rows.bind("qpos"), self._rows.bind("qvel")
         self._warmstart = self._rows.bind("qacc_warmstart")
@@ -254,6 +273,12 @@ class Batch:
         self._rows.state[worlds] = self._first if state is None else state
         self.periods[worlds], self._before[worlds] = 0, self._servos["before"]
         self.tripped[worlds], self._tracked[:, worlds] = False, np.nan
+        if self._observers is not None:
+            rows = self._observers.rows
+            self._observed[worlds], effort = self._servos["observations"][:, rows]
+            fed = self._servos["commanded"] + self._servos["balanced"] * self._servos["holding"]
+            self._steady[worlds] = self._fed[worlds] = fed[rows]
+            self._efforts[worlds] = fed[rows] + effort
         if self.grasps is not None:
             self.grasps.forget(worlds)
         numbers: list[int] = worlds.tolist()
@@ -331,6 +356,9 @@ class Batch:
             for errors in self._errors:
                 errors.command()
                 run = min(run, int((errors.every - periods % errors.every).min()))
+            if self._observers is not None:
+                self._observe(which)
+                run = 1
             if self._computed.any():
                 self._compute_torque()
                 run = 1
@@ -338,6 +366,8 @@ class Batch:
                 if part is not None:
                     run = min(run, int((part.every - periods % part.every).min()))
             self._rows.step(worlds, nstep=run)
+            if self._observers is not None:
+                self._efforts[which] = self._force[which][:, self._observers.rows]
             self.periods[which] = periods = periods + run
             left -= run
             if self.grasps is not None and (due := periods % self.grasps.every == 0).any():
@@ -587,7 +617,44 @@ class Batch:
         if self._drives is not None:
             for world, out in zip(worlds.tolist(), holding, strict=True):
                 out += self._drives.holding(self._qpos[world])
-        self._inputs[worlds, :, 2] = self._servos["balanced"] * holding
+        if self._coefficients is not None:
+            numbers: list[int] = worlds.tolist()
+            for world, out in zip(numbers, holding, strict=True):
+                qpos = self._errors[world].qpos() if self._errors else self._qpos[world]
+                self._coefficients.write(qpos, out)
+        feed = self._servos["balanced"] * holding
+        self._inputs[worlds, :, 2] = feed
+        if self._observers is not None:
+            self._steady[worlds] = feed[:, self._observers.rows]
+        if self._capped.any():
+            which = np.ix_(worlds, self._capped)
+            gravity = feed[:, self._capped]
+            most, limit = (a[self._capped] for a in (self._table.output_max, self._servos["limit"]))
+            self._lower[which] = np.clip(gravity - most, -limit, limit)
+            self._upper[which] = np.clip(gravity + most, -limit, limit)
+            self._ranges[(*which, 0)], self._ranges[(*which, 1)] = (
+                self._lower[which],
+                self._upper[which],
+            )
+
+    def _observe(self, worlds: Index) -> None:
+        """Feed forward the efforts of disturbance observers for one step in some worlds."""
+        observers = self._observers
+        if observers is None:
+            return
+        effort = self._efforts[worlds] - self._fed[worlds]
+        before = self._observed[worlds]
+        state = before.copy()
+        added = observers.observe(state, effort, self._qvel[worlds][:, observers.dof])
+        if self._observing is not None:
+            state = np.where(self._observing, state, before)
+            added = np.where(self._observing, added, 0.0)
+        self._observed[worlds], self._fed[worlds] = state, self._steady[worlds]
+        fed = added + self._steady[worlds]
+        here = worlds[:, None]
+        self._inputs[here, observers.rows, 2] = fed
+        if self._errors:
+            self._ctrl.reshape(self._inputs.shape)[here, observers.rows, 2] = fed
 
     def _compute_torque(self) -> None:
         """Feed forward computed torque for one step in every world."""

@@ -198,6 +198,11 @@ class ArmJoints:
         self._arm.motors.compensate_gravity(bool(on))
 
     @property
+    def engaged_brakes(self) -> tuple[str, ...]:
+        """Joints whose own brakes are engaged; setup joints have `Arm.brakes`."""
+        return tuple(n for n, on in zip(self.names, self._arm.motors.engaged, strict=False) if on)
+
+    @property
     def computed_torque(self) -> bool:
         """Whether joints in mode "position" have computed torque."""
         return self._arm.motors.torque_computed

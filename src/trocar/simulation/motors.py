@@ -15,6 +15,7 @@ from trocar.simulation.records import Mode
 from trocar.simulation.servos import EFFORT, SET, MotorEffort, Servos
 
 Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 
 MODES: tuple[Mode, ...] = ("position", "effort", "set")
 
@@ -186,11 +187,23 @@ class Motors:
         self.apply()
 
     def switch(self, powered: bool) -> None:
-        """Switch the motors' power on, or off and hold the arm where it is."""
+        """Switch the motors' power on, or off and hold the arm where it is; brakes are engaged."""
         if not self.welded:
-            self._servos.powered[self.index.rows] = powered
+            rows = self.index.rows
+            self._servos.powered[rows] = powered
+            self._servos.engaged[rows] = self._servos.table.brake[rows] > 0.0
             self._forget(range(len(self.position)))
             self.apply()
+
+    @property
+    def engaged(self) -> Bools:
+        """Mask of the brakes that are engaged, (n,), a view; setup joints have `locked`."""
+        return self._servos.engaged[self.index.rows]
+
+    def release(self) -> None:
+        """Release the brakes of an arm that has power."""
+        self._servos.engaged[self.index.rows] = False
+        self.apply()
 
     def compensate_gravity(self, on: bool) -> None:
         """Switch gravity compensation; setup joints are counterbalanced and always have it."""
@@ -202,6 +215,7 @@ class Motors:
         rows = self.index.rows
         self._servos.computed[rows] = ~self.fingers & on
         self._servos.before[rows] = self._servos.setpoint[rows, 1]
+        self._servos.forget(np.arange(len(self._servos.limit))[rows])
         self._servos.write_efforts()
 
     def apply(self) -> None:
@@ -213,11 +227,11 @@ class Motors:
 
     def _refresh(self) -> None:
         """Refresh this arm's rows of READ after a change."""
-        read, limits = self._servos.matrix()
-        own, count = self.index.rows, len(limits)
+        read, servos = self._servos.matrix(), self._servos
+        own, count = self.index.rows, len(servos.limit)
         rows = np.arange(int(own.start), int(own.stop))
         self._read = read[np.concatenate([rows, rows + count, rows + 2 * count])]
-        self._motors.renew(limits[self.index.rows])
+        self._motors.renew(servos.lower[own], servos.upper[own])
         self._revision = self._servos.revision
 
     def _put(self, q: Array, v: Array) -> None:
@@ -238,4 +252,5 @@ class Motors:
         if not self.welded and chosen:
             self._act[chosen] = 0.0
             self.effort[chosen] = 0.0
+            self._servos.forget(self.index.rows.start + np.array(chosen))
             self._servos.write_efforts()

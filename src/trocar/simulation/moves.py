@@ -196,7 +196,7 @@ class Moves:
         Args:
             goal: of the joints of `part`, (n,) [rad or m]
             part: which joints
-            time: of the beginning [s]
+            time: of the beginning, now or later [s]
             silent: whether its end makes no event, as that of a homing
 
         Raises:
@@ -220,7 +220,7 @@ class Moves:
     def plan_again(self, time: float) -> None:
         """Go on to the goal within limits that changed."""
         if self.profile is not None:
-            self.profile = self._plan(self.target, time)
+            self.profile = self._plan(self.target, max(time, self.profile.start))
 
     def end(self, part: slice) -> None:
         """End the trajectory, for a command to some joints that sets their next set-points."""

@@ -147,6 +147,9 @@ class States:
 #: choice for slides. [rad], [m]
 NEAR_RAD = float(np.deg2rad(3.0))
 NEAR_M = 0.003
+#: Time from the begin of a homing to the release of an arm's brakes. Source: SAW,
+#: mtsIntuitiveResearchKitArm.cpp:1381; brakeReleaseTime of dvrk-io-config-generator.py. [s]
+RELEASE_S = 0.5
 #: Longest time to reach them after the set-points arrived. Source: our own choice. [s]
 PATIENCE_S = 2.0
 

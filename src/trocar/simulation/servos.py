@@ -9,11 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.modeling.joints import INPUTS, JointTable
+from trocar.simulation.brake_friction import BrakeFriction
 from trocar.simulation.computed_torque import ComputedTorque
+from trocar.simulation.disturbance_observers import DisturbanceObservers
 from trocar.simulation.reading_errors import ReadingErrors
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+Index = NDArray[np.intp]
 
 #: Control modes of a joint, as small integers in `Servos.modes`.
 POSITION, EFFORT, SET = 0, 1, 2
@@ -22,7 +25,7 @@ POSITION, EFFORT, SET = 0, 1, 2
 #: (measured). [N m s/rad or N s/m]
 HOLDING_DAMPING = 1e18
 #: Attributes that determine gains, brakes and limits in the model.
-WRITTEN = ("modes", "gains", "limit", "locked", "powered")
+WRITTEN = ("modes", "gains", "limit", "locked", "powered", "engaged")
 #: Attributes that servos save beside the physics state.
 SAVED = (*WRITTEN, "balanced", "computed", "commanded", "holding", "before")
 #: The part of the physics state that joints are read from, in this order.
@@ -78,24 +81,21 @@ class MotorEffort:
     Args:
         table: the joints
         rows: which of them
-
-    Attributes:
-        limits: largest efforts as they act, (n,) [N m or N]; `renew` sets them
     """
 
     def __init__(self, table: JointTable, rows: slice) -> None:
-        self.renew(np.zeros(0))
+        self.renew(np.zeros(0), np.zeros(0))
         self._slope, self._corner = table.slope[rows], table.corner[rows]
         self._slowest = float(self._corner.min(initial=np.inf)) ** 2
 
-    def renew(self, limits: Array) -> None:
-        """Set the largest efforts, (n,) [N m or N]."""
-        self.limits, self._opposite = limits, -limits
+    def renew(self, lower: Array, upper: Array) -> None:
+        """Set the limits of efforts as they act, (..., n) [N m or N]; they may change in place."""
+        self._lower, self._upper = lower, upper
 
     def limit(self, effort: Array, qd: Array) -> None:
         """Limit the efforts that servos call for at speeds, in place, (..., n) each."""
-        np.minimum(effort, self.limits, out=effort)
-        np.maximum(effort, self._opposite, out=effort)
+        np.minimum(effort, self._upper, out=effort)
+        np.maximum(effort, self._lower, out=effort)
         if qd.ndim > 1 or qd.dot(qd) > self._slowest:  # else no joint is fast enough
             effort -= self._slope * (qd - np.clip(qd, -self._corner, self._corner))
 
@@ -122,6 +122,9 @@ class Servos:
         commanded: efforts of joints under open-loop control, (J,) [N m or N]
         holding: efforts that hold every motor's load, computed last, (J,) [N m or N]
         before: velocities of the set-points at the last physics step with computed torque, (J,)
+        engaged: brakes of arms that hold against their motors, (J,) bool
+        lower, upper: limits of efforts as they act, (J,) each [N m or N]
+        disturbance: disturbance observers, None without any
         revision: counts the changes of modes, gains, brakes and limits
     """
 
@@ -135,6 +138,7 @@ class Servos:
         self.table, self._model, self._data, self.errors = table, model, data, errors
         count = len(table)
         ctrl: Array = data.ctrl.reshape(count, INPUTS)
+        self._ctrl, self._force, self._qvel = ctrl, data.actuator_force, data.qvel
         self.setpoint = ctrl if errors is None else errors.setpoint
         self._position, self._feed = self.setpoint[:, 0], self.setpoint[:, 2]
         self.modes = np.where(table.fingers, EFFORT, POSITION).astype(np.int8)
@@ -142,10 +146,24 @@ class Servos:
         self.locked, self.powered = table.braked.copy(), np.ones(count, np.bool_)
         self.balanced = ~table.fingers & (table.compensated | table.braked)
         self.commanded, self.holding, self.before = np.zeros((3, count))
-        self.computed = np.zeros(count, np.bool_)
+        self.computed, self.engaged = np.zeros((2, count), np.bool_)
+        self.lower, self.upper = np.zeros((2, count))
+        self._capped = np.isfinite(table.output_max)
+        self._caps = bool(self._capped.any())
+        #: Joints whose limits in the model are not always those of their motors.
+        self._ranged = np.flatnonzero(self._capped | (table.brake > 0.0))
+        self.disturbance = None
+        if (table.observer[:, 1] > 0.0).any():
+            self.disturbance = DisturbanceObservers(table, float(model.opt.timestep))
+        watched = 0 if self.disturbance is None else len(self.disturbance.rows)
+        #: State of the observers, the rest that is fed forward, and that of the last step.
+        self._observed, self._steady, self._fed = np.zeros((3, watched))
+        self._observing: Bools | None = None
+        self._observed_revision = -1
         self._computed_torque: ComputedTorque | None = None
         self.revision = 0
         self._turned = np.zeros((count, model.nv), np.bool_)
+        self._brakes = BrakeFriction(table, model) if table.brake.any() else None
         self._braked: list[tuple[slice, int]] = []
         for arm in table.arms.values():
             self._turned[arm.rows, arm.dof] = arm.turned
@@ -156,6 +174,7 @@ class Servos:
         self._state = np.zeros(mujoco.mj_stateSize(model, READ_STATE))
         self._read = np.zeros((0, 0))
         self._motors = MotorEffort(table, slice(None))
+        self._motors.renew(self.lower, self.upper)
         self._actuators = np.zeros((0, 0))
         self._read_revision = -1
         self._written: tuple[bytes, ...] = ()
@@ -178,16 +197,16 @@ class Servos:
         gains = self.gains * self.servoed[:, None]
         return gains, np.where(self.driven, self.limit, 0.0)
 
-    def matrix(self) -> tuple[Array, Array]:
-        """Return READ and the limits of efforts as of now, (3 J, n) and (J,)."""
+    def matrix(self) -> Array:
+        """Return READ as of now, (3 J, n); `lower` and `upper` are as of now, too."""
         if self._read_revision != self.revision:
             gains, limits = self.effective
-            self._motors.renew(limits)
+            self._bound(limits)
             sizes = self._model.nq, self._model.nv
             self._read = read_matrix(self.table, gains, sizes)
             self._actuators = self.table.actuators * self.servoed
             self._read_revision = self.revision
-        return self._read, self._motors.limits
+        return self._read
 
     def read(self, out: Array | None = None) -> Array:
         """Return measured positions, velocities and efforts of every joint, (3, J)."""
@@ -217,7 +236,7 @@ class Servos:
         return self._data.qpos if self.errors is None else self.errors.qpos()
 
     def _found(self, state: Array, out: Array | None = None) -> Array:
-        read, _ = self.matrix()
+        read = self.matrix()
         count, nq, nv = len(self.table), self._model.nq, self._model.nv
         found = np.empty((3, count)) if out is None else out
         q, qd, effort = found
@@ -251,6 +270,63 @@ class Servos:
     def write_efforts(self) -> None:
         """Write commanded and balancing efforts into the servos."""
         np.add(self.commanded, self.balanced * self.holding, out=self._feed)
+        if self.disturbance is not None:
+            self._steady = self._feed[self.disturbance.rows]
+        if self._caps:
+            self._write_ranges()
+
+    def observe_disturbance(self) -> None:
+        """Write the efforts of disturbance observers into the servos, for one step.
+
+        MuJoCo's `actuator_force` is the effort of the last step as of its beginning, limited: that
+        of PID and observer, and what was fed forward.
+        """
+        observers = self.disturbance
+        if observers is None:
+            return
+        if self._observed_revision != self.revision:
+            on = (self.servoed & ~self.computed)[observers.rows]
+            self._observing = None if on.all() else on
+            self._observed_revision = self.revision
+        rows, on, state = observers.rows, self._observing, self._observed
+        effort = self._force.take(rows)
+        effort -= self._fed
+        rates = self._qvel.take(observers.dof)
+        if on is None:
+            added = observers.observe(state, effort, rates)
+        else:
+            before = state.copy()
+            added = observers.observe(state, effort, rates) * on
+            np.copyto(state, before, where=~on)
+        self._fed = self._steady
+        added += self._steady
+        self._feed[rows] = added
+        if self.errors is not None:
+            self._ctrl[rows, 2] = added
+
+    def observations(self) -> Array:
+        """Return states of disturbance observers, and efforts of PID and observer, (2, J)."""
+        found = np.zeros((2, len(self.table)))
+        if self.disturbance is not None:
+            rows = self.disturbance.rows
+            found[:, rows] = self._observed, self._force[rows] - self._fed
+        return found
+
+    def begin_observing(self, found: Array) -> None:
+        """Have disturbance observers go on from what `observations` returned, (2, J)."""
+        if self.disturbance is not None:
+            rows = self.disturbance.rows
+            self._fed = self._steady = (self.commanded + self.balanced * self.holding)[rows]
+            self._observed[:] = found[0, rows]
+            self._force[rows] = self._fed + found[1, rows]
+
+    def forget(self, which: Index) -> None:
+        """Forget what disturbance observers found at some joints, by rows of the table."""
+        if self.disturbance is not None:
+            chosen = np.isin(self.disturbance.rows, which)
+            self._observed[chosen] = 0.0
+            self._observed_revision = -1
+            self._force[self.disturbance.rows[chosen]] = self._fed[chosen]
 
     def compute_torque(self) -> None:
         """Write the efforts of computed torque into the servos that have it, for one step."""
@@ -280,13 +356,36 @@ class Servos:
         model.actuator_biasprm[own, 2] = -gains[:, 2]
         model.actuator_forcerange[own, 0] = -self.limit
         model.actuator_forcerange[own, 1] = self.limit
-        held = self._turned[(still | ~self.powered) & ~table.fingers].any(axis=0)
+        self._write_ranges()
+        bare = ~self.powered & (table.brake == 0.0)
+        held = self._turned[(still | bare) & ~table.fingers].any(axis=0)
         model.dof_damping[:] = np.where(held, HOLDING_DAMPING, self._viscous)
         locked = self._turned[self.locked].any(axis=0)  # spare the physics what brakes hold
         model.dof_frictionloss[:] = np.where(locked, 0.0, self._dry)
+        if self._brakes is not None:
+            self._brakes.engage(model, self.engaged)
         for rows, group in self._braked:
             bit = group if self.locked[rows].all() else 0
             model.opt.disableactuator = model.opt.disableactuator & ~group | bit
+
+    def _bound(self, limits: Array) -> None:
+        """Set the limits of efforts: of motors, and of PID and observer beside gravity's."""
+        self.lower[:], self.upper[:] = -limits, limits
+        if self._caps:
+            which = self._capped & self.servoed
+            gravity, most = (self.balanced * self.holding)[which], self.table.output_max[which]
+            limit = limits[which]
+            self.lower[which] = np.clip(gravity - most, -limit, limit)
+            self.upper[which] = np.clip(gravity + most, -limit, limit)
+
+    def _write_ranges(self) -> None:
+        """Write the limits of efforts into the model, where they are not always the motors'."""
+        rows = self._ranged
+        if not len(rows):
+            return
+        self._bound(self.effective[1])
+        self._model.actuator_forcerange[rows, 0] = self.lower[rows]
+        self._model.actuator_forcerange[rows, 1] = self.upper[rows]
 
     @property
     def friction(self) -> tuple[Array, Array]:
@@ -310,15 +409,22 @@ class Servos:
         self.gains[:], self.limit[:] = table.gains, table.effort_max
         self.locked[:], self.powered[:] = table.braked, True
         self.balanced[:] = ~table.fingers & (table.compensated | table.braked)
-        self.computed[:] = False
+        self.computed[:] = self.engaged[:] = False
         self.commanded[:] = self.holding[:] = self.before[:] = 0.0
+        self._observed[:] = 0.0
 
     def save(self) -> dict[str, Array]:
         """Return copies of everything that is set, by name."""
-        return {name: getattr(self, name).copy() for name in SAVED}
+        found: dict[str, Array] = {name: getattr(self, name).copy() for name in SAVED}
+        if self.disturbance is not None:
+            found["observations"] = self.observations()
+        return found
 
     def load(self, saved: Mapping[str, Array]) -> None:
         """Restore everything that `save` returned and write it into the model."""
         for name in SAVED:
-            getattr(self, name)[:] = saved[name]
+            getattr(self, name)[:] = saved.get(name, False)  # older states lack brakes of arms
         self.apply()
+        self._write_ranges()
+        if self.disturbance is not None:
+            self.begin_observing(saved["observations"])

@@ -172,11 +172,12 @@ class SetpointPlayer:
         """Take samples of the state apart."""
         if not len(samples):
             return Recording(times, {}, {}, {}, {}, clipped)
-        read, limits = self._servos.matrix()
-        count = len(limits)
+        read = self._servos.matrix()
+        lower, upper = self._servos.lower, self._servos.upper
+        count = len(upper)
         found = samples @ read.T
         q, qd, effort = found[:, :count], found[:, count : 2 * count], found[:, 2 * count :]
-        effort = np.clip(effort, -limits, limits)
+        effort = np.clip(effort, lower, upper)
         positions: dict[str, Array] = {}
         velocities: dict[str, Array] = {}
         efforts: dict[str, Array] = {}

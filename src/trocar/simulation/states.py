@@ -12,6 +12,7 @@ from trocar.simulation.forces import ForceControl
 from trocar.simulation.journal import command
 from trocar.simulation.moves import Motion
 from trocar.simulation.operating_state import (
+    RELEASE_S,
     STATE,
     STATE_COMMANDS,
     Desired,
@@ -74,6 +75,7 @@ class ArmStateMachine:
     def enable(self) -> bool:
         """Switch the motors of a DISABLED arm on; it holds its position until it is homed.
 
+        Brakes that it has stay engaged until then.
         A fault is left by `disable`, as on the robot: `enable` changes nothing there.
         """
         if not self._may("enable"):
@@ -94,7 +96,10 @@ class ArmStateMachine:
 
     @command
     def disable(self) -> bool:
-        """End everything and switch the motors off; the arm is held in its position."""
+        """End everything and switch the motors off; the arm is held in its position.
+
+        Its brakes are engaged, where its joints have some; a larger force moves it against them.
+        """
         self._switch_off()
         self._states.enter("DISABLED")
         self._report_desired("DISABLED")
@@ -227,7 +232,12 @@ class ArmStateMachine:
         homing = self.homing
         if homing is None:
             return
-        measured = self._control.motors.positions()[self._own]
+        motors, profile = self._control.motors, self._control.moves.profile
+        if np.count_nonzero(motors.engaged):
+            if profile is not None and self._clock.time < profile.start - 1e-9:
+                return
+            motors.release()
+        measured = motors.positions()[self._own]
         outcome = homing.look(measured, self._clock.time)
         if outcome == "home":
             self.homing = None
@@ -277,7 +287,8 @@ class ArmStateMachine:
         if moves:
             part = control.moves.joints
             goal = self._poses["home"][part]
-            way = control.moves.begin(goal, part, self._clock.time, silent=True)
+            begin = self._clock.time + RELEASE_S * bool(np.count_nonzero(motors.engaged))
+            way = control.moves.begin(goal, part, begin, silent=True)
         else:
             way = self._over(own)
         motion = Motion(way.goal[self._own].copy(), self._clock.wait)

@@ -1,8 +1,9 @@
-"""Holding efforts of all arms, renewed every 20 ms."""
+"""Gravity compensation of all arms, renewed every 20 ms."""
 
 from __future__ import annotations
 
 from trocar.simulation.drives import Drivetrains
+from trocar.simulation.gravity_compensation import GravityCompensation
 from trocar.simulation.parts import Attached, Part, steps_in
 from trocar.simulation.tip_load import PERIOD_S as LOAD_PERIOD_S
 
@@ -24,6 +25,10 @@ class Supervision(Part):
     def attach(self, physics: Attached) -> None:
         """Take the physics that the arms are in."""
         self._physics, self._servos = physics, physics.servos
+        table = physics.joints
+        self._coefficients = (
+            None if table.gravity is None else GravityCompensation(table.gravity, table.drive)
+        )
         load = steps_in(LOAD_PERIOD_S, physics.timestep)
         self.before_every = load * max(1, round(GRAVITY_PERIOD_S / LOAD_PERIOD_S))
         self._grippers = [a.gripper for a in physics.arms.values() if a.gripper is not None]
@@ -40,6 +45,7 @@ class Supervision(Part):
         kept = holding.copy() if arm else None
         self._physics.true_frames.holding_efforts(holding)
         self._add_springs()
+        self._take_coefficients()
         if kept is not None:
             rows = self._physics.joints.arms[arm].rows
             kept[rows] = holding[rows]
@@ -51,7 +57,13 @@ class Supervision(Part):
         data = self._physics.data
         self._physics.true_frames.joint_efforts(data.qfrc_bias, self._servos.holding)
         self._add_springs()
+        self._take_coefficients()
         self._servos.write_efforts()
+
+    def _take_coefficients(self) -> None:
+        """Have the efforts that controllers with coefficients compute, in place of the true."""
+        if self._coefficients is not None:
+            self._coefficients.write(self._servos.qpos(), self._servos.holding)
 
     def _add_springs(self) -> None:
         drives = self._drivetrains.drives

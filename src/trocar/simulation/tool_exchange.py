@@ -38,6 +38,7 @@ CARRIED = (
     "commanded",
     "holding",
     "before",
+    "engaged",
 )
 WIDTHS = {
     int(mujoco.mjtJoint.mjJNT_FREE): (7, 6),
@@ -76,6 +77,8 @@ def keep_settings(old: Motors, new: Motors) -> None:
     new.compute_torque(old.torque_computed)
     if old.powered != new.powered:
         new.switch(old.powered)
+    for joint in joints_without_tool(new.arm):
+        new.engaged[new.arm.mechanism.joint_index[joint]] = old.engaged[before[joint]]
 
 
 Physics = tuple[mujoco.MjModel, mujoco.MjData, Servos]
@@ -95,6 +98,9 @@ def carry(old: Physics, new: Physics, name: str) -> None:
     here, there = _actuator_map(model, grown, name)
     for field in CARRIED:
         getattr(inputs, field)[there] = getattr(servos, field)[here]
+    observations = inputs.observations()
+    observations[:, there] = servos.observations()[:, here]
+    inputs.begin_observing(observations)
     act = model.actuator_actadr[here], grown.actuator_actadr[there]
     fresh.act[act[1]] = data.act[act[0]]
 

@@ -495,6 +495,7 @@ class World:
         self.servos.restore()
         if not self._homed:
             self.servos.powered[:] = False
+            self.servos.engaged[:] = self.joints.brake > 0.0
         at = {**self.rig.poses["start"], **self.rig.poses[pose]}
         placed = self._placed.get(pose) if self.errors is None else None
         for name, arm in self.arms.items():
@@ -511,6 +512,7 @@ class World:
             part.placed("")
         mujoco.mj_forward(self._model, self._data)
         self._supervision.balance_at_rest()
+        self.servos.begin_observing(np.zeros((2, len(self.joints))))
         self._data.qacc[:] = np.nan  # was without compensation; sensors look for this mark
         self.journal.period, self.journal.time = 0, 0.0
         self._go_on()
@@ -1012,6 +1014,8 @@ class World:
                 acts.append(part.before_step)
         if np.count_nonzero(self.servos.computed):
             acts.insert(0, self.servos.compute_torque)
+        if self.servos.disturbance is not None:
+            acts.insert(0, self.servos.observe_disturbance)
         #: Physics steps between two calls of what acts.
         self._longest = 1 if self._moving or acts else self._stride
         if self.servos.errors is not None:  # hands over set-points, which no step changes

@@ -22,8 +22,8 @@ from trocar.geometry.rotations import rotation_z
 from trocar.geometry.se3 import inverse, pose_difference, transform, transform_points
 from trocar.kinematics.forward import pose, poses
 from trocar.kinematics.mechanism import Mechanism
-from trocar.robot.dvrk_config.files import DhRow
-from trocar.robot.dvrk_config.system import SAME_LENGTH, DhRows, Gains, Instrument, LabArm
+from trocar.robot.dvrk_config.files import DhRow, Gain
+from trocar.robot.dvrk_config.system import SAME_LENGTH, DhRows, Instrument, LabArm
 
 Array = NDArray[np.float64]
 Document = dict[str, Any]
@@ -83,15 +83,30 @@ def limit(joint: Document, name: str) -> float:
     return math.inf
 
 
-def set_gains(document: Document, gains: Mapping[str, Gains], source: str) -> bool:
+def set_gains(document: Document, gains: Mapping[str, Gain], source: str) -> bool:
     """Give joints the gains of a file, as far as the document has these joints."""
     control = document["control"]["dvrk"]
     pid, changed = control["pid"], False
     for joint, given in gains.items():
-        if joint in pid and not np.allclose(pid[joint], given, rtol=SAME, atol=0.0):
-            pid[joint], changed = list(given), True
+        if joint in pid and not np.allclose(pid[joint], given.pid, rtol=SAME, atol=0.0):
+            pid[joint], changed = given.pid, True
     if changed:
         control["source"] = source
+    return changed
+
+
+def set_observers(document: Document, gains: Mapping[str, Gain], source: str) -> bool:
+    """Give an arm's joints the disturbance observers and caps of a file, or none as it has them."""
+    control = document["control"]["dvrk"]
+    own = {joint: given for joint, given in gains.items() if joint in control["pid"]}
+    found = {
+        "observer": {joint: g.observer for joint, g in own.items() if g.observer},
+        "pid_output_max": {joint: g.output_max for joint, g in own.items() if g.output_max},
+    }
+    changed = False
+    for key, entries in found.items():
+        if own and entries != control.get(key, {}):
+            control[key], control["source"], changed = entries, source, True
     return changed
 
 
@@ -226,6 +241,13 @@ def arm_entry(arm: LabArm, tool: str, files: Files) -> dict[str, Any]:
         _set_endoscope(found, arm.endoscope, source)
         changed = True
     changed |= set_gains(found, arm.gains, source)
+    changed |= set_observers(found, arm.gains, source)
+    discs = [g for j, g in arm.gains.items() if j not in found["control"]["dvrk"]["pid"]]
+    if any(g.observer or g.output_max for g in discs):
+        files.notes.append(
+            f"{arm.name}: disturbance observers and pid_max_output of discs are not simulated,"
+            " whose servos are those of joints"
+        )
     entry: dict[str, Any] = {"description": own}
     if changed:
         found["title"] = f"{found.get('title', own)}; as {arm.name} of the lab has it"
@@ -266,6 +288,9 @@ def _set_endoscope(found: Document, scope: EndoscopeType, source: str) -> None:
     tip |= {"rpy_deg": [bend, 0.0, -90.0], "source": f"{source}: endoscope {scope.name}"}
     body = next(body for body in found["body"] if body["frame"] == "roll")
     body |= {"mass_kg": scope.mass, "source": f"{body['source']}; mass: SAW's {scope.name}"}
+    for link in found.get("gravity_link", []):
+        if link["name"] == "insertion":
+            link |= {"mass_kg": scope.mass, "source": f"{link['source']}; mass: {scope.name}"}
     if scope.reach:
         tip["xyz_m"] = [0.0, 0.0, scope.reach]
         end = _capsule(np.eye(4), (0.0, 0.0, 0.0), (0.0, 0.0, scope.reach), SCOPE_RADIUS)

@@ -113,12 +113,34 @@ class ToolFile(JsonRecord):
 
 
 class Gain(JsonRecord):
-    """PID gains of one joint."""
+    """PID gains of one joint, its disturbance observer and the cap of both."""
 
     index: int
     p_gain: NotNegative
     i_gain: NotNegative = 0.0
     d_gain: NotNegative = 0.0
+    use_disturbance_observer: Flag = False
+    nominal_mass: NotNegative | None = None
+    disturbance_cutoff: NotNegative | None = None
+    pid_max_output: float | None = None
+
+    @property
+    def pid(self) -> list[float]:
+        """P, I, D."""
+        return [self.p_gain, self.i_gain, self.d_gain]
+
+    @property
+    def observer(self) -> list[float] | None:
+        """Nominal mass and cut-off of the observer, None where it does nothing."""
+        if not (self.use_disturbance_observer and self.nominal_mass and self.disturbance_cutoff):
+            return None
+        return [self.nominal_mass, self.disturbance_cutoff]
+
+    @property
+    def output_max(self) -> float | None:
+        """Largest effort of PID and observer, None without a limit."""
+        most = self.pid_max_output
+        return None if most is None or most < 0.0 else most
 
 
 class PidFile(JsonRecord):
@@ -293,10 +315,10 @@ IDLE = frozenset(
         custom_tool_index always_home homing_goes_to_zero plug_number serial_number
         brake_release_current arduino_mac base_arduino_mac mtm_is_haptic
         use_mtm_linear_velocity use_mtm_angular_velocity use_mtm_velocity coupling
-        tooltip_offset tool_engage_position tool_joint_limit tool_torque_limit pid_max_output
-        p_measured_setpoint_tolerance p_deadband i_forget_rate i_limit use_disturbance_observer
-        nominal_mass disturbance_cutoff position_limit_min position_limit_max effort_cut_off
-        snake_like mass cx cy cz ixx iyy izz x1 x2 x3 y1 y2 y3 z1 z2 z3
+        tooltip_offset tool_engage_position tool_joint_limit tool_torque_limit
+        p_measured_setpoint_tolerance p_deadband i_forget_rate i_limit position_limit_min
+        position_limit_max effort_cut_off snake_like mass cx cy cz ixx iyy izz x1 x2 x3 y1
+        y2 y3 z1 z2 z3
         """,
     )
 )

@@ -25,6 +25,7 @@ from trocar.robot.dvrk_config.files import (
     ArmFile,
     Dh,
     DhRow,
+    Gain,
     JsonFile,
     KinematicFile,
     PidFile,
@@ -40,7 +41,6 @@ from trocar.robot.dvrk_config.files import (
 )
 
 Array = NDArray[np.float64]
-Gains = tuple[float, float, float]
 
 #: Kinds of arms. Source: schema dvrk-system-arm; SUJ and PSM_SOCKET are those of older files.
 KINDS = (
@@ -172,7 +172,7 @@ class LabArm:
         tool: "" where the file leaves it open
         instrument: the tool's own file, None where it is not here
         endoscope: of an ECM, None of others
-        gains: {joint: (P, I, D)}, empty where no file has them
+        gains: {joint: its entry of the PID file}, empty where no file has them
         carrier: name of the setup arm that holds it, "" of others
         frame, pose: the frame that its base stands in and T_frame_base (4, 4); "", None of others
     """
@@ -185,7 +185,7 @@ class LabArm:
     tool: str
     instrument: Instrument | None
     endoscope: EndoscopeType | None
-    gains: Mapping[str, Gains]
+    gains: Mapping[str, Gain]
     carrier: str = ""
     frame: str = ""
     pose: Array | None = None
@@ -513,8 +513,8 @@ class _SystemReader:
 
     def _gains(
         self, place: JsonFile[Any], entry: ArmEntry, kind: str, generation: Generation
-    ) -> Mapping[str, Gains]:
-        """Return {joint: (P, I, D)} of an arm, empty where no file has them."""
+    ) -> Mapping[str, Gain]:
+        """Return {joint: its entry of the PID file} of an arm, empty where no file has them."""
         si = "-Si" if generation == "Si" and kind != "MTM" else ""
         file_name = entry.pid_file or f"pid/sawControllersPID-{kind}{si}.json"
         path = self._sources.find(file_name)
@@ -528,7 +528,7 @@ class _SystemReader:
             )
             return {}
         file, joints = self._sources.read(path, PidFile), PID_JOINTS[kind]
-        found: dict[str, Gains] = {}
+        found: dict[str, Gain] = {}
         rows = file.entries.pid
         if len(rows) != len(joints):
             allowed = f"{len(joints)} for a {kind}"
@@ -537,7 +537,15 @@ class _SystemReader:
             if row.index not in range(len(joints)) or joints[row.index] in found:
                 allowed = f"0 to {len(joints) - 1}, each once"
                 raise file.fail(f"pid[{k}].index", f"got {row.index}; allowed: {allowed}")
-            found[joints[row.index]] = (row.p_gain, row.i_gain, row.d_gain)
+            if row.use_disturbance_observer:
+                for key in ("nominal_mass", "disturbance_cutoff"):
+                    if getattr(row, key) is None:
+                        why = "0 or more, for use_disturbance_observer is true"
+                        raise file.fail(f"pid[{k}].{key}", f"is missing; allowed: {why}")
+            if row.pid_max_output == 0.0:
+                allowed = "above 0, or below 0 for no limit"
+                raise file.fail(f"pid[{k}].pid_max_output", f"got 0; allowed: {allowed}")
+            found[joints[row.index]] = row
         return found
 
     def _base(self, place: JsonFile[Any], entry: ArmEntry) -> tuple[str, str, Array | None]:

@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 FREE, STEP = np.array([0.0, 0.0, 0.3]), np.array([0.5, 0.0, 0.0])
 BESIDE_CONSOLE = np.array([0.0, -1.3, 0.0])
 BESIDE_CART = np.array([-1.2, -0.8, 0.0])
-#: Stand-in for the cart of setup joints that are not the Classic's.
+#: Stand-in for the cart of setup joints that are not trocar's own.
 COLUMN = {
     "name": "column",
     "source": "a stand-in: trocar has no model of the cart that carries these setup joints",
@@ -163,7 +163,7 @@ def rig_document(lab: Lab, tools: dict[str, str], files: Files) -> Document:
                 "name": f"SUJ_{suj.name}",
                 "description": description,
                 "on": "world",
-                "xyz_m": list(CART),
+                "xyz_m": list(CART[suj.generation]),
                 "source": "potentiometers: " + "; ".join(pots) if pots else "",
             }
         )
@@ -208,7 +208,7 @@ def rig_document(lab: Lab, tools: dict[str, str], files: Files) -> Document:
 def _on_setup_joints(arm: LabArm, suj: SetupArm, at_centre: dict[str, bool]) -> Document:
     """Place an arm on setup joints or a fixed mount."""
     if suj.fixed is not None:
-        T = transform(np.eye(3), np.array(CART)) @ suj.fixed
+        T = transform(np.eye(3), np.array(CART[suj.generation])) @ suj.fixed
         return {"place": "rcm", **pose_entries(T), "source": "SUJ_Fixed"}
     on = f"SUJ_{suj.name}"
     if at_centre[suj.name]:
@@ -249,10 +249,15 @@ def _turn_up(up: Array) -> Array:
 
 def _whole(lab: Lab, entries: list[Document], files: Files, console: bool) -> Document:
     cart = any(entry["name"].startswith("SUJ_") for entry in entries)
-    classic = cart and all(arm.generation == "Classic" for arm in lab.setup)
-    model = tomllib.loads(
-        (DATA / "rigs" / f"{'full_cart_mtm' if cart else 'mtm'}.toml").read_text(encoding="utf-8")
-    )
+    own = cart and not any(name.startswith("SUJ_") for name in files.stand_ins)
+    si = cart and all(arm.generation == "Si" for arm in lab.setup)
+    model = _model("full_cart_mtm" if cart else "mtm")
+    if si:
+        patient = _model("full_cart_si")
+        console_props = [prop for prop in model["prop"] if prop["name"] in CONSOLE]
+        model |= {**patient, "prop": [*patient["prop"], *console_props]}
+        masters = _model("full_cart_mtm")["pose"][0]["q_rad_m"]
+        model["pose"][0]["q_rad_m"] |= {k: masters[k] for k in ("MTML", "MTMR")}
     rig: Document = {
         "schema": 1,
         "name": files.stem,

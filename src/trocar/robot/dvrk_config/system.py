@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from trocar.descriptions import names
 from trocar.descriptions.endoscopes import ENDOSCOPES, EndoscopeType
 from trocar.descriptions.records import REFERENCE_ARM, Generation
-from trocar.errors import DescriptionError
+from trocar.descriptions.tool_versions import tool_of_version
+from trocar.errors import DescriptionError, InputError
 from trocar.geometry.dh import modified_dh, standard_dh
 from trocar.geometry.se3 import transform
 from trocar.robot.dvrk_config import published
@@ -470,7 +471,10 @@ class _SystemReader:
             return "", None
         if not arm.tool:
             raise file.fail("tool", "is missing; allowed: a string")
-        tool = re.sub(r"_(\d{6})$", r":\1", re.sub(r"\[.*\]$", "", arm.tool))
+        try:
+            tool = re.sub(r"_(\d{6})$", r":\1", tool_of_version(arm.tool))
+        except InputError as problem:
+            raise file.fail("tool", str(problem)) from problem
         code = re.sub(r"^\d+MM_", "", tool).replace(":", "_")  # 5MM_NEEDLE_DRIVER:400117
         for stem in dict.fromkeys((tool.replace(":", "_"), code)):
             path = self._sources.find(f"tool/{stem}.json")

@@ -18,7 +18,7 @@ from trocar.descriptions.endoscopes import EndoscopeType
 from trocar.descriptions.records import DISPLAY, REFERENCE_ARM
 from trocar.descriptions.table import toml_text
 from trocar.errors import InputError, UnknownNameError
-from trocar.geometry.rotations import matrix_from_rotation_vector
+from trocar.geometry.rotations import matrix_from_rotation_vector, rotation_x
 from trocar.geometry.se3 import transform
 from trocar.inputs import is_file
 from trocar.outputs import check_file, whole_folder
@@ -197,9 +197,12 @@ def rig_document(lab: Lab, tools: dict[str, str], files: Files) -> Document:
         else:
             beside = BESIDE_CONSOLE * (console and not cart) + BESIDE_CART * cart
             at = FREE + beside + free * STEP * (-1.0 if cart else 1.0)
-            place, free = {**place, **pose_entries(transform(np.eye(3), at))}, free + 1
+            lean = np.eye(3) if arm.mounting_pitch is None else rotation_x(arm.mounting_pitch)
+            place, free = {**place, **pose_entries(transform(lean, at))}, free + 1
             place["base_frame"] = {"name": f"{arm.name}_base"}
             place["source"] = "our own choice: the lab's file does not place it"
+            if arm.mounting_pitch is not None:
+                place["source"] += "; it leans by the file's mounting_pitch"
         description = arm_entry(arm, tools.get(arm.name, arm.tool), files)
         entries.append({"name": arm.name, **description, **place})
     return _whole(lab, entries, files, console)
@@ -221,15 +224,20 @@ def _on_setup_joints(arm: LabArm, suj: SetupArm, at_centre: dict[str, bool]) -> 
 def _frames_in_world(lab: Lab, cart: bool) -> dict[str, Array]:
     """Place the frames of base_frame entries, for which no file has a pose, {name: (4, 4)}.
 
-    Turned the short way so that the arms' z axes point up on average; the lowest at LOW.
+    Turned the short way so that up as the arms' mounting pitches have it (their z axes, where no
+    file has one) points up on average; the lowest at LOW.
     """
     poses: dict[str, list[Array]] = {}
+    ups: dict[str, list[Array]] = {}
     for arm in lab.arms:
         if arm.pose is not None:
             poses.setdefault(arm.frame, []).append(arm.pose)
+            pitch = arm.mounting_pitch
+            own = arm.pose[:3, 2] if pitch is None else arm.pose[:3, :3] @ rotation_x(pitch)[2]
+            ups.setdefault(arm.frame, []).append(own)
     found: dict[str, Array] = {}
     for name, group in poses.items():
-        turn = _turn_up(np.sum([T[:3, 2] for T in group], axis=0))
+        turn = _turn_up(np.sum(ups[name], axis=0))
         lowest = min(float((turn @ T[:3, 3])[2]) for T in group)
         found[name] = transform(turn, np.array([0.0, 0.0, LOW - lowest]) + BESIDE_CART * cart)
     return found
@@ -249,15 +257,13 @@ def _turn_up(up: Array) -> Array:
 
 def _whole(lab: Lab, entries: list[Document], files: Files, console: bool) -> Document:
     cart = any(entry["name"].startswith("SUJ_") for entry in entries)
-    own = cart and not any(name.startswith("SUJ_") for name in files.stand_ins)
-    si = cart and all(arm.generation == "Si" for arm in lab.setup)
-    model = _model("full_cart_mtm" if cart else "mtm")
-    if si:
-        patient = _model("full_cart_si")
-        console_props = [prop for prop in model["prop"] if prop["name"] in CONSOLE]
-        model |= {**patient, "prop": [*patient["prop"], *console_props]}
-        masters = _model("full_cart_mtm")["pose"][0]["q_rad_m"]
-        model["pose"][0]["q_rad_m"] |= {k: masters[k] for k in ("MTML", "MTMR")}
+    generations = {arm.generation for arm in lab.setup}
+    own = cart and len(generations) == 1
+    own &= not any(name.startswith("SUJ_") for name in files.stand_ins)
+    cart_rig = "full_cart_mtm_si" if generations == {"Si"} else "full_cart_mtm"
+    model = tomllib.loads(
+        (DATA / "rigs" / f"{cart_rig if cart else 'mtm'}.toml").read_text(encoding="utf-8")
+    )
     rig: Document = {
         "schema": 1,
         "name": files.stem,
@@ -271,12 +277,12 @@ def _whole(lab: Lab, entries: list[Document], files: Files, console: bool) -> Do
     rig["arm"] = entries
     rig["pose"] = _poses(lab, entries, files, model)
     hides = () if console else ("console", "stereo_display")
-    hides += () if classic else ("cart", "table")
+    hides += () if own else ("cart", "table")
     rig["prop"] = [prop for prop in model["prop"] if prop["name"] not in hides]
     placed = {entry["name"] for entry in entries}
-    if cart and not classic:
+    if cart and not own:
         rig["prop"].append(COLUMN)
-    if classic:
+    if own:
         rig["pose"].append(_test(model, placed))
         rig["test_sine"] = model["test_sine"]
     rig["camera"] = [
@@ -327,7 +333,7 @@ def _teleop(
 def _poses(lab: Lab, entries: list[Document], files: Files, model: Document) -> list[Document]:
     """Return the poses "start" (of trocar's own rigs where it has the arms) and "home"."""
     starts = next(pose for pose in model["pose"] if pose["name"] == "start")["q_rad_m"]
-    standard = all(arm.generation == "Classic" for arm in lab.setup) and bool(lab.setup)
+    standard = bool(lab.setup)
     setup = {f"SUJ_{arm.name}": arm.q for arm in lab.setup}
     start: dict[str, list[float]] = {}
     home: dict[str, list[float]] = {}

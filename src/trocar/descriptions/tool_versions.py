@@ -1,4 +1,4 @@
-"""Versions of instruments: newer ones of a model are geared, and have a description of their own."""
+"""Versions of instruments: newer ones of a model are geared and have their own description."""
 
 from __future__ import annotations
 

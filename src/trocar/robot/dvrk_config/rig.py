@@ -47,6 +47,8 @@ COLUMN = {
         )
     ],
 }  # fmt: skip
+#: Rig of an Si whose cart, table and poses an imported one has.
+SI_CART = "full_cart_mtm_si"
 #: Height of the lowest arm in a frame of the lab [m]. Source: our own choice.
 LOW = 0.3
 
@@ -260,10 +262,8 @@ def _whole(lab: Lab, entries: list[Document], files: Files, console: bool) -> Do
     generations = {arm.generation for arm in lab.setup}
     own = cart and len(generations) == 1
     own &= not any(name.startswith("SUJ_") for name in files.stand_ins)
-    cart_rig = "full_cart_mtm_si" if generations == {"Si"} else "full_cart_mtm"
-    model = tomllib.loads(
-        (DATA / "rigs" / f"{cart_rig if cart else 'mtm'}.toml").read_text(encoding="utf-8")
-    )
+    cart_rig = SI_CART if generations == {"Si"} else "full_cart_mtm"
+    model = _model(cart_rig if cart else "mtm")
     rig: Document = {
         "schema": 1,
         "name": files.stem,
@@ -305,6 +305,11 @@ def _whole(lab: Lab, entries: list[Document], files: Files, console: bool) -> Do
     return {key: value for key, value in rig.items() if value != []}
 
 
+def _model(rig: str) -> Document:
+    """Return the entries of a rig of trocar's."""
+    return tomllib.loads((DATA / "rigs" / f"{rig}.toml").read_text(encoding="utf-8"))
+
+
 def _endoscope(arm: str, scope: EndoscopeType) -> Document:
     """Return the camera at the tip of an ECM's endoscope."""
     camera: Document = {"name": "endoscope", "kind": "endoscope", "arm": arm}
@@ -332,8 +337,14 @@ def _teleop(
 
 def _poses(lab: Lab, entries: list[Document], files: Files, model: Document) -> list[Document]:
     """Return the poses "start" (of trocar's own rigs where it has the arms) and "home"."""
-    starts = next(pose for pose in model["pose"] if pose["name"] == "start")["q_rad_m"]
+    rows = {pose["name"]: pose["q_rad_m"] for pose in model["pose"]}
+    starts = dict(rows["start"])
     standard = bool(lab.setup)
+    si = {arm.name for arm in lab.arms if arm.generation == "Si" and arm.type != "MTM"}
+    if standard and si:  # tools drawn back: where a file's setup joints stand is the lab's
+        apart = _model(SI_CART)["pose"]
+        drawn_back = next(pose for pose in apart if pose["name"] == "apart")["q_rad_m"]
+        starts |= {name: q for name, q in drawn_back.items() if name in si}
     setup = {f"SUJ_{arm.name}": arm.q for arm in lab.setup}
     start: dict[str, list[float]] = {}
     home: dict[str, list[float]] = {}

@@ -82,7 +82,9 @@ def test_a_stretching_belt_passes_through_a_saved_state() -> None:
 
 
 def test_a_rig_without_belts_rejects_that_they_stretch(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(InputError, match="belts: got 'stretch' for the rig psm, whose arms have no"):
+    with pytest.raises(
+        InputError, match="belts: got 'stretch' for the rig psm, whose arms have no"
+    ):
         World("psm", belts="stretch")
     assert main(["sim", "--rig", "psm", "--belts", "stretch", "--duration", "0.01"]) == 2
     assert "belts: got 'stretch'" in capsys.readouterr().err

@@ -19,8 +19,8 @@ from trocar.descriptions import frames, needles, props, records, rigs, scenes, s
 from trocar.descriptions.arms import (
     ArmKeys,
     ArmPoseKeys,
-    CouplingKeys,
     BeltKeys,
+    CouplingKeys,
     RotorKeys,
     ToolKeys,
 )

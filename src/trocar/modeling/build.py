@@ -488,9 +488,7 @@ class Draft:
             solimp=STIFF_IMPEDANCE,
         )
 
-    def _add_belt(
-        self, name: str, hinges: tuple[str, str], ratio: float, stiffness: float
-    ) -> None:
+    def _add_belt(self, name: str, hinges: tuple[str, str], ratio: float, stiffness: float) -> None:
         """Add a spring between two hinges: its stretch is the first - ratio * the second."""
         belt = self.spec.add_tendon(name=name)
         belt.wrap_joint(hinges[0], 1.0)

@@ -38,6 +38,12 @@ EXPERIMENTS = (
         "laws", "momentum, friction, soft pads and elastic bands of props", "benchmarks.laws:laws"
     ),
     Experiment(
+        "carts",
+        "real-time factor of the Si's patient cart against the Classic's",
+        "benchmarks.carts:carts",
+        {"passes": "passes"},
+    ),
+    Experiment(
         "grip",
         "slip of a held needle, and loads at which a jaw lets go",
         "benchmarks.grip:grip",

@@ -198,7 +198,7 @@ def _pitch_end(m: Mechanism) -> Link:
     pins = [kit.pin(own, -INNER, INNER, 6.0), kit.pin(upper, -INNER, INNER, 5.5)]
     pins += [*cap_pair(own, CHEEK, 5.0, 14.0), *cap_pair(upper, CHEEK, 5.0, 12.0)]
     # The tube ends before the remote centre: the scope looks out from insertion 0 on.
-    tube = cannula(m, 6.6, -4.0, (36.0, 200.0))
+    tube = cannula(m, "pitch_end", 6.6, -4.0, (36.0, 200.0))
     parts = (
         Part("cover", kit.together([body, *panels])),
         Part("steel", strip + tube.tube),

@@ -374,23 +374,36 @@ class Cannula:
     tube: Shape
 
 
-def remote_centre(m: Mechanism, shaft: Hinge) -> float:
+def shaft_axis(m: Mechanism, link: str) -> Hinge:
+    """Return the axis of insertion, its point at insertion 0, in the last link before it."""
+    frame = m.frame("insertion")
+    at_zero = frame.before
+    while frame.parent is not None and frame.parent != link:
+        frame = m.frame(frame.parent)
+        at_zero = frame.before @ frame.after @ at_zero
+    return Hinge(at_zero[:3, 3] * MM, at_zero[:3, 2])
+
+
+def remote_centre(m: Mechanism, shaft: Hinge, link: str) -> float:
     """Return how far along the shaft's axis, from its point, the remote centre lies [mm]."""
-    at_zero = pose(m, np.zeros(len(m.joints)), m.reference, "pitch_end")
+    at_zero = pose(m, np.zeros(len(m.joints)), m.reference, link)
     return float((MM * at_zero[:3, 3] - shaft.point) @ shaft.direction)
 
 
-def cannula(m: Mechanism, radius: float, past: float, rail: tuple[float, float]) -> Cannula:
-    """Return the cannula about the axis of insertion, in the frame pitch_end.
+def cannula(
+    m: Mechanism, link: str, radius: float, past: float, rail: tuple[float, float]
+) -> Cannula:
+    """Return the cannula about the axis of insertion.
 
     Args:
         m: of the arm
+        link: the frame of the link that holds it
         radius: of the tube [mm]; it is 0.8 mm thick
         past: how far it reaches beyond the remote centre [mm]
         rail: x of the middle and y of the lower end of the rail that the mount hangs on [mm]
     """
-    shaft = hinge(m, "pitch_end", "insertion")
-    rcm = remote_centre(m, shaft)
+    shaft = shaft_axis(m, link)
+    rcm = remote_centre(m, shaft, link)
     bore, bowl = radius - 0.8, 2.4 * radius
     heights = ((bore, -84), (bowl, -84), (bowl, -79), (0.85 * bowl, -72), (radius, -58))
     profile = [*heights, (radius, past), (bore, past)]

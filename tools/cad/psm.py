@@ -199,7 +199,7 @@ def _pitch_end(m: Mechanism) -> Link:
     pins = [kit.pin(own, -INNER, INNER, 5.0), kit.pin(upper, -INNER, INNER, 4.5)]
     for at, radius in ((own, 12.0), (upper, 10.0)):
         pins += cap_pair(at, OUTER, 4.0, radius)
-    tube = cannula(m, 5.4, 38.0, (21.0, 58.0))
+    tube = cannula(m, "pitch_end", 5.4, 38.0, (21.0, 58.0))
     parts = (
         Part("cover", kit.together([body, *panels])),
         Part("steel", strip + tube.tube),

@@ -66,9 +66,16 @@ def solid_sets() -> dict[str, SolidSet]:
             Fineness(0.5, 2.0),
             tuple((f"suj_{arm}", "none") for arm in ("psm1", "psm2", "psm3", "ecm")),
         ),
+        SolidSet("si", Fineness(0.3, 1.0), (("psm_si", "none"), ("ecm_si", "none"))),
+        SolidSet(
+            "suj_si",
+            Fineness(0.5, 2.0),
+            tuple((f"suj_si_{arm}", "none") for arm in ("psm1", "psm2", "psm3", "ecm")),
+        ),
         SolidSet("mtm", Fineness(0.3, 1.0), (("mtmr", "none"), ("mtml", "none"))),
         SolidSet("tools", Fineness(0.03, 0.1), tuple(("psm", t) for t in names("tools"))),
         SolidSet("cart", Fineness(1.0, 4.0)),
+        SolidSet("cart_si", Fineness(1.0, 4.0)),
         SolidSet("table", Fineness(1.0, 4.0)),
     )
     return {one.name: one for one in each}

@@ -19,6 +19,7 @@ from trocar.descriptions import frames, needles, props, records, rigs, scenes, s
 from trocar.descriptions.arms import (
     ArmKeys,
     ArmPoseKeys,
+    BeltKeys,
     CouplingKeys,
     RotorKeys,
     ToolKeys,
@@ -92,6 +93,7 @@ PARTS: dict[str, Block] = {
 PART_TABLES = {
     "friction": Block(named={"": Block(named={"": Block((records.Friction,))})}),
     "rotor": Block(named={"": Block((RotorKeys,))}),
+    "belts": Block(named={"": Block((BeltKeys,))}),
     "control": Block(named={"": Block((records.Control,))}),
 }
 NOISE = Key(

@@ -58,6 +58,8 @@ def add_world(parser: ArgumentParser, rig: str | None = "full_cart", chosen: str
         --seed N:int = 0                    random seed of errors and sensors, another robot each
         --setup-joints braked|locked = braked  simulate setup joints with brakes, or weld them,
                                             which is faster
+        --belts rigid|stretch = rigid       whether belts of an Si stretch (a placeholder's
+                                            stiffness)
         --strict                            reject targets beyond joint limits, which are clipped
                                             with a warning else
         --timestep S:number = 0.001         physics step
@@ -87,6 +89,7 @@ def make_world(args: Namespace, tip_load_n: float = 0.0) -> World:
         control=args.control,
         friction=args.friction,
         setup_joints=args.setup_joints,
+        belts=args.belts,
         tip_load_n=tip_load_n,
         calibration=args.calibration,
         errors=args.errors,

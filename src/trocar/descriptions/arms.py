@@ -74,6 +74,11 @@ def read_rotor(table: Table) -> dict[str, float]:
     return table.named("rotor", read)
 
 
+def read_belts(table: Table) -> dict[str, float]:
+    """Return {frame: stiffness of the belt that ties it to the joint that it follows}."""
+    return table.named("belts", lambda row: row.record(BeltKeys).stiffness)
+
+
 def read_control(table: Table) -> dict[str, Control]:
     """Return {name: gains and what goes with them}."""
 
@@ -196,6 +201,18 @@ class RotorKeys:
 
 
 @dataclass(frozen=True)
+class BeltKeys:
+    """Keys of the belt that ties a frame to the joint that it follows.
+
+    Attributes:
+        stiffness: torque at the frame's hinge that stretches the belt by a radian of it;
+            the belts of a world stretch with `belts="stretch"` alone [N m/rad]
+    """
+
+    stiffness: float = field(metadata=key("angular stiffness", above=0.0))
+
+
+@dataclass(frozen=True)
 class CouplingKeys:
     """Keys of the coupling of a tool's actuators and joints.
 
@@ -231,6 +248,7 @@ class Parts:
     bodies: tuple[Body, ...]
     friction: Mapping[str, Mapping[str, Friction]]
     rotor: Mapping[str, float]
+    belts: Mapping[str, float]
     control: Mapping[str, Control]
     poses: Mapping[str, Array]
     sources: Mapping[str, str]
@@ -326,6 +344,7 @@ def read_arm(table: Table, tool: ToolDescription | None) -> ArmDescription:
         bodies=_balanced(parts, mechanism, balance, path),
         friction=parts.friction,
         rotor=parts.rotor,
+        belts=parts.belts,
         control=parts.control,
         poses=parts.poses,
         tool="" if tool is None else tool.name,
@@ -373,6 +392,7 @@ def _read_parts(table: Table, part: str) -> Parts:
         (*bodies, *(pin_body(closure.name, part) for closure in pins)),
         read_friction(table),
         {**read_rotor(table), **{pin_name(closure.name): PIN_ROTOR_KG for closure in pins}},
+        read_belts(table),
         read_control(table),
         dict(
             table.each("pose", lambda r: (r.text("name"), r.vector("q", len(joints), "position")))
@@ -384,7 +404,7 @@ def _read_parts(table: Table, part: str) -> Parts:
 
 def _block_sources(table: Table) -> dict[str, str]:
     """Return the source of each block that is no row, {block: source}."""
-    blocks = [(name, table.optional_table(name)) for name in ("rotor", "coupling")]
+    blocks = [(name, table.optional_table(name)) for name in ("rotor", "belts", "coupling")]
     for kind in ("friction", "control"):
         several = table.optional_table(kind)
         blocks += [(f"{kind} {name}", several.table(name)) for name in several.entries()]
@@ -427,6 +447,7 @@ def _mount(arm: Parts, tool: ToolDescription) -> Parts:
         arm.bodies + extra.bodies,
         friction,
         {**arm.rotor, **extra.rotor},
+        {**arm.belts, **extra.belts},
         control,
         poses,
         {**arm.sources, **extra.sources},
@@ -482,6 +503,11 @@ def check_arm(arm: ArmDescription) -> None:
             check_name(arm.file, f"friction.{model}", name, dict.fromkeys((*joints, *frames)))
     for name in arm.rotor:
         check_name(arm.file, "rotor", name, frames)
+    driven = {frame for joint in arm.joints for frame, _ in joint.drive}
+    driven |= {frame for closure in arm.mechanism.closures for frame in closure.passive}
+    turning = [f for f in arm.mechanism.frames if f.motion == "revolute" and f.couplings]
+    for name in arm.belts:
+        check_name(arm.file, "belts", name, [f.name for f in turning if f.name not in driven])
     for preset in arm.control.values():
         for name in preset.pid:
             check_name(arm.file, f"control.{preset.name}.pid", name, joints)

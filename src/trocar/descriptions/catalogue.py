@@ -17,6 +17,7 @@ from trocar.descriptions.rigs import read_rig
 from trocar.descriptions.scenes import Scene, is_scene, read_scene
 from trocar.descriptions.settings import changed
 from trocar.descriptions.table import Table, read_table
+from trocar.descriptions.tool_versions import GEARED, tool_of_version
 from trocar.errors import DescriptionError, TrocarError, UnknownNameError
 from trocar.inputs import is_file
 
@@ -178,7 +179,7 @@ def find(shelf: Shelf, name: str | Path) -> Path:
         UnknownNameError: no such name; the known ones are listed
         DescriptionError: there is no such file
     """
-    text = str(name)
+    text = tool_of_version(str(name)) if shelf == "tools" else str(name)
     if text.endswith(".toml") or isinstance(name, Path):
         path = Path(name).expanduser().resolve()
         if not is_file(path):
@@ -196,11 +197,12 @@ def find(shelf: Shelf, name: str | Path) -> Path:
 def _why_not(instrument: str) -> str:
     """Return the reason why an instrument of the dVRK is not built in, "" for an unknown one."""
     for group in read_table(DATA / "instruments.toml").tables("group"):
-        if instrument in group.texts("names"):
+        if instrument.removesuffix(GEARED) in group.texts("names"):
             return f"{instrument}: {group.text('why')}; docs/how-to/design-a-tool.md says how"
     return ""
 
 
 def _tool_name(stem: str) -> str:
-    head, _, code = stem.rpartition("_")
-    return f"{head}:{code}" if head else stem
+    model = stem.removesuffix(GEARED)
+    head, _, code = model.rpartition("_")
+    return f"{head}:{code}{stem[len(model) :]}" if head else stem

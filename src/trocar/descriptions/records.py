@@ -311,6 +311,7 @@ class ArmDescription:
         bodies: masses and shapes
         friction: {"identified" | "paper": {frame or joint: Friction}}
         rotor: {frame: reflected inertia [kg m^2] or mass [kg]}
+        belts: {frame that follows a joint by a belt: the belt's stiffness [N m/rad]}
         control: {"dvrk" | "paper": Control}
         poses: {name: q (n,)}
         tool: name of the mounted tool, "" when none
@@ -338,6 +339,7 @@ class ArmDescription:
     bodies: tuple[Body, ...]
     friction: Mapping[str, Mapping[str, Friction]]
     rotor: Mapping[str, float]
+    belts: Mapping[str, float]
     control: Mapping[str, Control]
     poses: Mapping[str, Array]
     tool: str

@@ -204,6 +204,13 @@ def _read_arm(
     if frame is None:
         frame = "mount" if carrier else ""
     if carrier is not None:
+        held, carries = arm.generation, carrier.arm.generation
+        if carrier.arm.type == "SUJ" and held and carries and held != carries:
+            raise row.fail(
+                "on",
+                f"got {on!r}, setup joints of generation {carries}, for {arm.name}, which is of"
+                f" generation {held}; allowed: setup joints of generation {held}",
+            )
         row.known("frame", frame, carrier.arm.mechanism.frame_index)
     place = arm.root if keys.place is None else keys.place
     row.known("place", place, arm.mechanism.frame_index)

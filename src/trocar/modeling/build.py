@@ -39,6 +39,7 @@ from trocar.modeling.hinges import followers, hinge_of
 from trocar.modeling.joints import JointTable, effort_limit, joint_table, preset, speed_line
 from trocar.modeling.mujoco_log import log_mujoco_warnings
 from trocar.modeling.options import (
+    BELT_LOSS_S,
     HOLD,
     IMPRATIO,
     ISLAND_JOINTS,
@@ -343,7 +344,11 @@ class Draft:
             self._add_loops(place, anchors)
             for frame, leader, ratio in followers(arm):
                 name = naming.scoped(place.name, frame)
-                self._tie(name, (name, naming.scoped(place.name, leader)), ratio)
+                hinges = (name, naming.scoped(place.name, leader))
+                if self._options.belts == "stretch" and frame in arm.belts:
+                    self._add_belt(name, hinges, ratio, arm.belts[frame])
+                else:
+                    self._tie(name, hinges, ratio)
             for joint in arm.joints:
                 self._add_servo(place, joint, group)
             add_tendons(self.spec, place.name, self._drives(place), self._options.timestep)
@@ -490,6 +495,15 @@ class Draft:
             solref=[STIFF_STEPS * self._options.timestep, 1.0],
             solimp=STIFF_IMPEDANCE,
         )
+
+    def _add_belt(self, name: str, hinges: tuple[str, str], ratio: float, stiffness: float) -> None:
+        """Add a spring between two hinges: its stretch is the first - ratio * the second."""
+        belt = self.spec.add_tendon(name=name)
+        belt.wrap_joint(hinges[0], 1.0)
+        belt.wrap_joint(hinges[1], -ratio)
+        belt.stiffness = [stiffness, 0.0, 0.0]
+        belt.damping = [stiffness * BELT_LOSS_S, 0.0, 0.0]
+        belt.springlength = [0.0, 0.0]
 
     def _add_grasp(self, place: RigArm, objects: Sequence[Prop]) -> None:
         """Add what a jaw holds free props by: an inactive weld each, beside PID servos.

@@ -24,6 +24,7 @@ class ModelOptions:
         control: the preset of gains, "dvrk" or "paper"; an arm without it has its first
         gravity_compensation: whether servos feed gravity forward; None: as the preset has it
         friction: "identified" (dry and viscous, from recordings) or "paper" (damping 0.1)
+        belts: "rigid", or "stretch" as their stiffnesses say; links of an Si hang on them
         collisions: whether bodies touch
         decoration: whether shapes that collide with nothing, and sites at fixed frames, are in
             the model (for renderers and comparisons; a physics step is faster without)
@@ -38,6 +39,7 @@ class ModelOptions:
     control: str = "dvrk"
     gravity_compensation: bool | None = None
     friction: Literal["identified", "paper"] = "identified"
+    belts: Literal["rigid", "stretch"] = "rigid"
     collisions: bool = True
     decoration: bool = False
     standalone: bool = False
@@ -68,6 +70,9 @@ TOLERANCE = 1e-20
 #: 10 N: gaps of 0.06 um with a quarter (trocar bench), of 0.15 um with a whole step.
 STIFF_STEPS = 0.25
 STIFF_IMPEDANCE = (0.9999, 0.9999, 0.001, 0.5, 2.0)
+#: Damping of a belt that stretches, as a time: damping = stiffness * time. Source: our own choice,
+#: a quarter of critical for the links of an Si at the stiffness that its file has. [s]
+BELT_LOSS_S = 0.002
 #: A loop without a guard is held by so many equal constraints, each of which yields as the solver's
 #: stiffest one does. Source: measured on a PSM with sides off by 0.5 mm and axes by 0.2 deg under
 #: 10 N, over the whole pitch: gaps of 0.29 um with one, 0.073 um with four.

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from trocar.descriptions.endoscopes import ENDOSCOPES
 from trocar.descriptions.mounting import fitting_tools
 from trocar.descriptions.records import ArmDescription, RigArm
+from trocar.descriptions.tool_versions import full_name, tool_of_version
+from trocar.errors import InputError
 from trocar.live.inbox import Command
 from trocar.ros import message_builders as build
 from trocar.ros.clock import Stamp
@@ -332,22 +334,13 @@ def _tool(message: Message, arm: ArmDescription) -> Verb:
     if name in NO_TOOL:
         return "set_tool_type", {"name": "none"}
     known = fitting_tools(arm)
-    for tool in (name, name.partition("[")[0]):
-        if tool in known:
-            return "set_tool_type", {"name": tool}
+    try:
+        tool = tool_of_version(name)
+    except InputError:
+        tool = name
+    if tool in known:
+        return "set_tool_type", {"name": tool}
     return "reject_type", {"kind": "tool", "name": name, "known": (*known, "none")}
-
-
-def full_name(tool: str) -> str:
-    """Return a tool's name with its versions, "" for none.
-
-    Source: SAW 9e535e6, mtsToolList.cpp:262 and share/tool/index.json: newer versions of two
-    instruments are geared, and have files of their own.
-    """
-    return tool and f"{tool}[{TOOL_VERSIONS.get(tool, '..')}]"
-
-
-TOOL_VERSIONS = {"LARGE_NEEDLE_DRIVER:420006": "..11", "PROGRASP_FORCEPS:420093": "..13"}
 
 
 def _endoscope(message: Message, arm: ArmDescription) -> Verb:  # noqa: ARG001

@@ -11,12 +11,13 @@ import numpy as np
 
 from trocar.descriptions.records import RigDescription
 from trocar.descriptions.teleops import TeleopDescription
+from trocar.descriptions.tool_versions import full_name
 from trocar.errors import InputError
 from trocar.live.inbox import Command
 from trocar.live.loop import Loop
 from trocar.live.state import PATIENT, Elapsed
 from trocar.ros import message_builders as build
-from trocar.ros.arm_topics import Act, full_name
+from trocar.ros.arm_topics import Act
 from trocar.ros.message_fields import RefusedError, button, number, text, vector
 from trocar.ros.period_statistics import CONTROL, FRAMES, PUBLISHING
 from trocar.ros.topic import (

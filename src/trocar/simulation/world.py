@@ -80,6 +80,7 @@ CHOICES = {
     "control": ("dvrk", "paper"),
     "friction": ("identified", "paper"),
     "setup_joints": ("braked", "locked"),
+    "belts": ("rigid", "stretch"),
     "dynamics": (None, "cad", "identified"),
 }
 #: MuJoCo's warnings of a state that is no longer finite.
@@ -132,6 +133,7 @@ class World:
         gravity_compensation: on or off; as the gains' source has it when omitted
         setup_joints: "braked" (simulated, held by brakes) or "locked" (welded, faster)
         welded: names of other arms that stay where they start, which is faster too
+        belts: "rigid", or "stretch" as the arms' stiffnesses say (the Si's)
         collisions: whether bodies touch
         seed: of the random numbers that sensors draw
         tip_load_n: force that turns about each instrument's tip [N]
@@ -162,6 +164,7 @@ class World:
         gravity_compensation: bool | None = None,
         setup_joints: Literal["braked", "locked"] = "braked",
         welded: Sequence[str] = (),
+        belts: Literal["rigid", "stretch"] = "rigid",
         collisions: bool = True,
         seed: int = 0,
         tip_load_n: float = 0.0,
@@ -179,6 +182,7 @@ class World:
             "gravity_compensation": gravity_compensation,
             "setup_joints": setup_joints,
             "welded": welded,
+            "belts": belts,
             "collisions": collisions,
             "seed": seed,
             "tip_load_n": tip_load_n,
@@ -1099,6 +1103,11 @@ def _options(rig: RigDescription, choices: Mapping[str, Any]) -> ModelOptions:
         if choices[name] not in allowed:
             known = ", ".join(filter(None, allowed))
             raise InputError(f"{name}: got {choices[name]!r}; allowed: {known}")
+    if choices["belts"] == "stretch" and not any(arm.arm.belts for arm in rig.arms):
+        raise InputError(
+            f"belts: got 'stretch' for the rig {rig.name}, whose arms have no belts of known"
+            " stiffness; allowed: 'rigid', or a rig of the Si"
+        )
     names = [arm.name for arm in rig.arms]
     for name in choices["welded"]:
         if name not in names:
@@ -1110,6 +1119,7 @@ def _options(rig: RigDescription, choices: Mapping[str, Any]) -> ModelOptions:
         control=choices["control"],
         gravity_compensation=choices["gravity_compensation"],
         friction=choices["friction"],
+        belts=choices["belts"],
         collisions=choices["collisions"],
         locked={name: rig.poses["start"][name] for name in names if name in still},
     )
@@ -1130,6 +1140,7 @@ def _choices(model: RigModel) -> dict[str, Any]:
         "control": options.control,
         "gravity_compensation": options.gravity_compensation,
         "friction": options.friction,
+        "belts": options.belts,
         "collisions": options.collisions,
         "setup_joints": "locked" if setups & {*options.locked} else "braked",
         "welded": tuple(name for name in options.locked if name not in setups),

@@ -76,7 +76,7 @@ def test_the_comparison_sees_setup_joints_that_leave_out_the_tool_origin(
     for each in rig.arms:
         arm = each.arm
         if arm.type == "SUJ":  # their last row, as trocar once published
-            last = [f.name for f in arm.mechanism.frames if f.name.startswith("suj_")][-1]
+            last = next(f.parent for f in arm.mechanism.frames if f.name == "mount")
             arm = replace(arm, mechanism=replace(arm.mechanism, tip=last))
         arms.append(replace(each, arm=arm))
     read = read_system(path)
@@ -248,7 +248,7 @@ def test_comments_and_both_spellings_are_read_and_unknown_keys_are_listed(tmp_pa
         f"{path}: arms[0].colour",
         f"{folder / 'ecm.json'}: zoom",
     }
-    assert found.idle == (f"{folder / 'ecm.json'}: mounting-pitch",)
+    assert found.idle == ()
     (scope,) = found.rig.cameras
     assert (scope.name, scope.kind, scope.arm) == ("endoscope", "endoscope", "ECM")
 
@@ -320,12 +320,14 @@ def test_a_real_si_s_file_has_potentiometers_and_the_dvrk_s_own_chains(tmp_path:
         np.testing.assert_allclose(seen, lab.base(setup, q), atol=EXACT)
 
 
-def test_an_si_of_a_lab_names_what_trocar_lacks_and_has_no_erratum_of_another_file(
+def test_an_si_of_a_lab_is_trocar_s_own_with_its_setup_joints_and_no_erratum_of_another_file(
     tmp_path: Path,
 ) -> None:
     found = import_dvrk(lab.lab(tmp_path / "in", "Si"), tmp_path / "rig.toml")
-    (note,) = [n for n in found.notes if "trocar has no masses and shapes of these arms" in n]
-    assert "SUJ_PSM1" in note and "PSM1" not in note.replace("SUJ_PSM1", "")
+    assert not [n for n in found.notes if "trocar has no masses and shapes of these arms" in n]
+    for name in ("PSM1", "PSM2", "PSM3", "ECM"):
+        assert found.rig.arm(f"SUJ_{name}").arm.name == f"suj_si_{name.lower()}"
+    assert {"cart", "table"} <= {prop.name for prop in found.rig.props}
     own = load_arm("psm_si")
     masses = {body.frame: body.mass for body in found.rig.arm("PSM1").arm.bodies}
     assert masses == {body.frame: body.mass for body in own.bodies}

@@ -10,14 +10,20 @@ from build123d import GeomType
 from build123d.topology import Shape
 
 from tools.cad.links import Link
+from tools.cad.sets import solid_sets
 from trocar.descriptions import load_arm
 
 
 @cache
 def links_of(name: str) -> tuple[Link, ...]:
     """Return the links of an arm, or of the cart or the table."""
-    draw = import_module(f"tools.cad.{name[:3] if name[:3] in ('suj', 'mtm') else name}").links
-    return draw() if name in ("cart", "table") else draw(load_arm(name))
+    draw = import_module(f"tools.cad.{set_of(name)}").links
+    return draw(load_arm(name)) if solid_sets()[set_of(name)].arms else draw()
+
+
+def set_of(name: str) -> str:
+    """Return the set of solids that an arm is drawn in, or the name of a set itself."""
+    return next((k for k, one in solid_sets().items() if (name, "none") in one.arms), name)
 
 
 def off_axis(solids: list[Shape], point: np.ndarray, way: np.ndarray) -> float:

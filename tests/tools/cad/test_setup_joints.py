@@ -22,13 +22,16 @@ from tools.cad.sets import solid_sets
 pytestmark = pytest.mark.slow
 
 ARMS = ("suj_psm1", "suj_psm3", "suj_ecm")
+SI = ("suj_si_psm1", "suj_si_psm3", "suj_si_ecm")
 
 
 @pytest.mark.parametrize(
     ("name", "kind", "budget"),
     [
         *((arm, "suj", 6000) for arm in ARMS),
+        *((arm, "suj_si", 7000) for arm in SI),
         ("cart", "cart", 8000),
+        ("cart_si", "cart_si", 8000),
         ("table", "table", 3000),
     ],
 )
@@ -42,7 +45,7 @@ def test_every_part_is_a_closed_solid_and_the_budget_is_kept(name, kind, budget)
     assert count <= budget
 
 
-@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("name", [*ARMS, *SI])
 def test_each_link_turns_about_its_own_axis_and_carries_the_next(name):
     arm = load_arm(name)
     chain = links_of(name)
@@ -71,7 +74,7 @@ def test_the_arm_bases_stand_on_what_is_drawn_for_them(name):
     assert any(solid.is_inside(tuple(spot)) for solid in held)
 
 
-@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("name", [*ARMS, *SI])
 def test_neighbours_are_clear_where_the_cart_starts(name):
     arm, links = load_arm(name), links_of(name)
     at = poses(arm.mechanism, arm.pose("simulated"), relative_to=arm.root)
@@ -81,10 +84,11 @@ def test_neighbours_are_clear_where_the_cart_starts(name):
         assert volume < 1e-3, (links[a].name, links[b].name)
 
 
-def test_the_arms_of_psm1_and_psm2_are_the_same():
-    other = links_of("suj_psm2")
-    assert [k.name for k in other] == [k.name for k in links_of("suj_psm1")]
-    for a, b in zip(other, links_of("suj_psm1"), strict=True):
+@pytest.mark.parametrize("kind", ["suj", "suj_si"])
+def test_the_arms_of_psm1_and_psm2_are_the_same(kind):
+    other, first = links_of(f"{kind}_psm2"), links_of(f"{kind}_psm1")
+    assert [k.name for k in other] == [k.name for k in first]
+    for a, b in zip(other, first, strict=True):
         for one, two in zip(a.parts, b.parts, strict=True):
             assert one.solid.bounding_box().diagonal == pytest.approx(
                 two.solid.bounding_box().diagonal, rel=1e-9

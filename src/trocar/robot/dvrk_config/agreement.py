@@ -142,7 +142,9 @@ def _base_gap(
     setup = setups.get(arm.carrier)
     if setup is None or (setup.chain is None and setup.fixed is None):
         return np.zeros(2)
-    on_cart = inverse(transform(np.eye(3), np.array(CART))) @ places.reference_pose(arm.name)
+    on_cart = inverse(
+        transform(np.eye(3), np.array(CART[setup.generation]))
+    ) @ places.reference_pose(arm.name)
     return largest_gap(on_cart, setup.base(q.get(f"SUJ_{setup.name}", np.zeros(0))))
 
 

@@ -186,6 +186,7 @@ class ArmFile(JsonRecord):
     tool_detection: Literal["AUTOMATIC", "MANUAL", "FIXED"] = "AUTOMATIC"
     tool: str = ""
     endoscope: str = ""
+    mounting_pitch: float | None = None
 
 
 class BaseFrameEntry(JsonRecord):
@@ -311,7 +312,7 @@ IDLE = frozenset(
         custom_components chatty audio_volume pid pid_period period simulation skip_ros_bridge
         socket socket_server remote_ip port system interface name type rotation psm_base_frame
         ecm_base_frame base_frame component kinematic_gc gravity_compensation gravity_tilt
-        mounting_pitch re_home kinematic_type homing_zero_position platform_gain
+        re_home kinematic_type homing_zero_position platform_gain
         custom_tool_index always_home homing_goes_to_zero plug_number serial_number
         brake_release_current arduino_mac base_arduino_mac mtm_is_haptic
         use_mtm_linear_velocity use_mtm_angular_velocity use_mtm_velocity coupling

@@ -18,7 +18,7 @@ from trocar.descriptions.endoscopes import EndoscopeType
 from trocar.descriptions.records import DISPLAY, REFERENCE_ARM
 from trocar.descriptions.table import toml_text
 from trocar.errors import InputError, UnknownNameError
-from trocar.geometry.rotations import matrix_from_rotation_vector
+from trocar.geometry.rotations import matrix_from_rotation_vector, rotation_x
 from trocar.geometry.se3 import transform
 from trocar.inputs import is_file
 from trocar.outputs import check_file, whole_folder
@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 FREE, STEP = np.array([0.0, 0.0, 0.3]), np.array([0.5, 0.0, 0.0])
 BESIDE_CONSOLE = np.array([0.0, -1.3, 0.0])
 BESIDE_CART = np.array([-1.2, -0.8, 0.0])
-#: Stand-in for the cart of setup joints that are not the Classic's.
+#: Stand-in for the cart of setup joints that are not trocar's own.
 COLUMN = {
     "name": "column",
     "source": "a stand-in: trocar has no model of the cart that carries these setup joints",
@@ -47,6 +47,8 @@ COLUMN = {
         )
     ],
 }  # fmt: skip
+#: Rig of an Si whose cart, table and poses an imported one has.
+SI_CART = "full_cart_mtm_si"
 #: Height of the lowest arm in a frame of the lab [m]. Source: our own choice.
 LOW = 0.3
 
@@ -163,7 +165,7 @@ def rig_document(lab: Lab, tools: dict[str, str], files: Files) -> Document:
                 "name": f"SUJ_{suj.name}",
                 "description": description,
                 "on": "world",
-                "xyz_m": list(CART),
+                "xyz_m": list(CART[suj.generation]),
                 "source": "potentiometers: " + "; ".join(pots) if pots else "",
             }
         )
@@ -197,9 +199,12 @@ def rig_document(lab: Lab, tools: dict[str, str], files: Files) -> Document:
         else:
             beside = BESIDE_CONSOLE * (console and not cart) + BESIDE_CART * cart
             at = FREE + beside + free * STEP * (-1.0 if cart else 1.0)
-            place, free = {**place, **pose_entries(transform(np.eye(3), at))}, free + 1
+            lean = np.eye(3) if arm.mounting_pitch is None else rotation_x(arm.mounting_pitch)
+            place, free = {**place, **pose_entries(transform(lean, at))}, free + 1
             place["base_frame"] = {"name": f"{arm.name}_base"}
             place["source"] = "our own choice: the lab's file does not place it"
+            if arm.mounting_pitch is not None:
+                place["source"] += "; it leans by the file's mounting_pitch"
         description = arm_entry(arm, tools.get(arm.name, arm.tool), files)
         entries.append({"name": arm.name, **description, **place})
     return _whole(lab, entries, files, console)
@@ -208,7 +213,7 @@ def rig_document(lab: Lab, tools: dict[str, str], files: Files) -> Document:
 def _on_setup_joints(arm: LabArm, suj: SetupArm, at_centre: dict[str, bool]) -> Document:
     """Place an arm on setup joints or a fixed mount."""
     if suj.fixed is not None:
-        T = transform(np.eye(3), np.array(CART)) @ suj.fixed
+        T = transform(np.eye(3), np.array(CART[suj.generation])) @ suj.fixed
         return {"place": "rcm", **pose_entries(T), "source": "SUJ_Fixed"}
     on = f"SUJ_{suj.name}"
     if at_centre[suj.name]:
@@ -221,15 +226,20 @@ def _on_setup_joints(arm: LabArm, suj: SetupArm, at_centre: dict[str, bool]) -> 
 def _frames_in_world(lab: Lab, cart: bool) -> dict[str, Array]:
     """Place the frames of base_frame entries, for which no file has a pose, {name: (4, 4)}.
 
-    Turned the short way so that the arms' z axes point up on average; the lowest at LOW.
+    Turned the short way so that up as the arms' mounting pitches have it (their z axes, where no
+    file has one) points up on average; the lowest at LOW.
     """
     poses: dict[str, list[Array]] = {}
+    ups: dict[str, list[Array]] = {}
     for arm in lab.arms:
         if arm.pose is not None:
             poses.setdefault(arm.frame, []).append(arm.pose)
+            pitch = arm.mounting_pitch
+            own = arm.pose[:3, 2] if pitch is None else arm.pose[:3, :3] @ rotation_x(pitch)[2]
+            ups.setdefault(arm.frame, []).append(own)
     found: dict[str, Array] = {}
     for name, group in poses.items():
-        turn = _turn_up(np.sum([T[:3, 2] for T in group], axis=0))
+        turn = _turn_up(np.sum(ups[name], axis=0))
         lowest = min(float((turn @ T[:3, 3])[2]) for T in group)
         found[name] = transform(turn, np.array([0.0, 0.0, LOW - lowest]) + BESIDE_CART * cart)
     return found
@@ -249,10 +259,11 @@ def _turn_up(up: Array) -> Array:
 
 def _whole(lab: Lab, entries: list[Document], files: Files, console: bool) -> Document:
     cart = any(entry["name"].startswith("SUJ_") for entry in entries)
-    classic = cart and all(arm.generation == "Classic" for arm in lab.setup)
-    model = tomllib.loads(
-        (DATA / "rigs" / f"{'full_cart_mtm' if cart else 'mtm'}.toml").read_text(encoding="utf-8")
-    )
+    generations = {arm.generation for arm in lab.setup}
+    own = cart and len(generations) == 1
+    own &= not any(name.startswith("SUJ_") for name in files.stand_ins)
+    cart_rig = SI_CART if generations == {"Si"} else "full_cart_mtm"
+    model = _model(cart_rig if cart else "mtm")
     rig: Document = {
         "schema": 1,
         "name": files.stem,
@@ -266,12 +277,12 @@ def _whole(lab: Lab, entries: list[Document], files: Files, console: bool) -> Do
     rig["arm"] = entries
     rig["pose"] = _poses(lab, entries, files, model)
     hides = () if console else ("console", "stereo_display")
-    hides += () if classic else ("cart", "table")
+    hides += () if own else ("cart", "table")
     rig["prop"] = [prop for prop in model["prop"] if prop["name"] not in hides]
     placed = {entry["name"] for entry in entries}
-    if cart and not classic:
+    if cart and not own:
         rig["prop"].append(COLUMN)
-    if classic:
+    if own:
         rig["pose"].append(_test(model, placed))
         rig["test_sine"] = model["test_sine"]
     rig["camera"] = [
@@ -292,6 +303,11 @@ def _whole(lab: Lab, entries: list[Document], files: Files, console: bool) -> Do
         elif lacking:
             files.notes.append(f"{teleop.place}: {' and '.join(lacking)} must be real masters")
     return {key: value for key, value in rig.items() if value != []}
+
+
+def _model(rig: str) -> Document:
+    """Return the entries of a rig of trocar's."""
+    return tomllib.loads((DATA / "rigs" / f"{rig}.toml").read_text(encoding="utf-8"))
 
 
 def _endoscope(arm: str, scope: EndoscopeType) -> Document:
@@ -321,8 +337,14 @@ def _teleop(
 
 def _poses(lab: Lab, entries: list[Document], files: Files, model: Document) -> list[Document]:
     """Return the poses "start" (of trocar's own rigs where it has the arms) and "home"."""
-    starts = next(pose for pose in model["pose"] if pose["name"] == "start")["q_rad_m"]
-    standard = all(arm.generation == "Classic" for arm in lab.setup) and bool(lab.setup)
+    rows = {pose["name"]: pose["q_rad_m"] for pose in model["pose"]}
+    starts = dict(rows["start"])
+    standard = bool(lab.setup)
+    si = {arm.name for arm in lab.arms if arm.generation == "Si" and arm.type != "MTM"}
+    if standard and si:  # tools drawn back: where a file's setup joints stand is the lab's
+        apart = _model(SI_CART)["pose"]
+        drawn_back = next(pose for pose in apart if pose["name"] == "apart")["q_rad_m"]
+        starts |= {name: q for name, q in drawn_back.items() if name in si}
     setup = {f"SUJ_{arm.name}": arm.q for arm in lab.setup}
     start: dict[str, list[float]] = {}
     home: dict[str, list[float]] = {}

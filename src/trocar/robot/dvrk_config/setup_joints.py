@@ -24,12 +24,13 @@ from trocar.robot.dvrk_config.arms import (
     set_row,
     without,
 )
-from trocar.robot.dvrk_config.system import SetupArm
+from trocar.robot.dvrk_config.system import DhRows, SetupArm
 
 Array = NDArray[np.float64]
 
-#: The cart's reference above the floor [m]. Source: dvrk_env suj.sdf, as in full_cart.
-CART = (0.0, 0.0, 0.167458)
+#: The cart's reference above the floor [m]. Source: dvrk_env suj.sdf, as in full_cart; of the Si,
+#: our own choice, as in full_cart_si.
+CART = {"Classic": (0.0, 0.0, 0.167458), "Si": (0.0, 0.0, 0.53)}
 
 #: Range of setup joints without limits in a file [m, rad]. Source: our own choice; cisst takes 2 m
 #: and 360 degrees.
@@ -65,25 +66,36 @@ def setup_entry(arm: SetupArm, files: Files) -> tuple[str, bool]:
     Raises:
         DescriptionError: more or fewer joints than trocar's have
     """
-    own = f"suj_{arm.name.lower()}"
-    if arm.generation == "Classic":
-        if arm.chain is None or _same_setup(arm, known(own)):
-            return own, False
-        found = _classic_setup(arm, own)
+    classic = arm.generation == "Classic"
+    own = f"suj_{arm.name.lower()}" if classic else f"suj_si_{arm.name.lower()}"
+    if arm.chain is None or _same_setup(arm, known(own)):
+        return own, not classic
+    if classic or _like(arm.chain, known(own)):
+        found = _own_setup(arm, own)
         files.notes.append(f"SUJ {arm.name}: own kinematic parameters; masses and shapes of {own}")
     else:
         found = _serial_setup(arm, files)
         files.stand_ins.append(f"SUJ_{arm.name}")
     found["title"] = f"Setup joints of {arm.name}, as the lab has them"
     found["source"] = Path(arm.file).name or OWN_FILE
-    return files.write(own, found), True
+    return files.write(f"suj_{arm.name.lower()}", found), True
+
+
+def _like(chain: DhRows, own: ArmDescription) -> bool:
+    """Return whether a chain has the joints of trocar's setup joints, then the fixed wedge."""
+    moving = [row.type for row in chain.rows if row.moves]
+    wedge = [row.moves for row in chain.rows[len(moving) :]]
+    fits = chain.convention == "modified" and wedge == [False, False]
+    return fits and moving == [joint.kind for joint in own.joints]
 
 
 def _same_setup(arm: SetupArm, own: ArmDescription) -> bool:
     if arm.chain is None or arm.chain.moving != len(own.joints):
         return False
-    held = known("ecm" if arm.name == "ECM" else "psm").mechanism
-    origin = pose(held, np.zeros(len(held.joints)), "rcm", held.frames[0].name)
+    origin = np.eye(4)  # the Si's hold the remote centre, the Classic's the base
+    if arm.generation == "Classic":
+        held = known("ecm" if arm.name == "ECM" else "psm").mechanism
+        origin = pose(held, np.zeros(len(held.joints)), "rcm", held.frames[0].name)
     lower, upper = own.mechanism.lower, own.mechanism.upper
     return all(
         largest_gap(arm.base(q), pose(own.mechanism, q, "mount") @ origin).max() < 1e-9
@@ -91,14 +103,16 @@ def _same_setup(arm: SetupArm, own: ArmDescription) -> bool:
     )
 
 
-def _classic_setup(arm: SetupArm, own: str) -> Document:
+def _own_setup(arm: SetupArm, own: str) -> Document:
     """Return trocar's setup joints with the numbers of a file."""
     found, chain = document("arms", own), arm.chain
     if chain is None or chain.moving != len(found["joint"]):
         raise DescriptionError(arm.file, "DH", f"allowed: {len(found['joint'])} joints")
     frames = {frame["name"]: frame for frame in found["frame"]}
+    wedge = ("lean", "upright") if arm.generation == "Si" else ()
     for k, row in enumerate(chain.rows):
-        name = f"suj_{k + 1}"
+        fixed = k - chain.moving
+        name = wedge[fixed] if 0 <= fixed < len(wedge) else f"suj_{k + 1}"
         kind = "prismatic" if k == 0 else "revolute"
         if name not in frames or row.type != kind or chain.convention != "modified":
             raise DescriptionError(
@@ -106,8 +120,9 @@ def _classic_setup(arm: SetupArm, own: str) -> Document:
             )
         set_row(frames[name], row)
     _place(frames["column"], arm.column)
-    for name in ("mount", "tip"):
-        _place(frames[name], arm.tool_origin)
+    _place(frames["mount"], arm.tool_origin)
+    if arm.generation == "Classic":  # the Si's tip is its mount
+        _place(frames["tip"], arm.tool_origin)
     found["name"] = f"{own}_lab"
     if arm.q is not None:
         for joint, q in zip(found["joint"], arm.q.tolist(), strict=True):

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from trocar.descriptions import names
 from trocar.descriptions.endoscopes import ENDOSCOPES, EndoscopeType
 from trocar.descriptions.records import REFERENCE_ARM, Generation
-from trocar.errors import DescriptionError
+from trocar.descriptions.tool_versions import tool_of_version
+from trocar.errors import DescriptionError, InputError
 from trocar.geometry.dh import modified_dh, standard_dh
 from trocar.geometry.se3 import transform
 from trocar.robot.dvrk_config import published
@@ -82,6 +83,8 @@ TOOL_TIP = [
 ]
 #: Tolerance of equal lengths [m].
 SAME_LENGTH = 1e-7
+#: Lean of setup joints that is still an arm's mounting pitch. Source: our own choice. [rad]
+SAME_LEAN = math.radians(1.0)
 
 
 @dataclass(frozen=True)
@@ -173,6 +176,7 @@ class LabArm:
         instrument: the tool's own file, None where it is not here
         endoscope: of an ECM, None of others
         gains: {joint: its entry of the PID file}, empty where no file has them
+        mounting_pitch: lean of its base about x, None where no file has it [rad]
         carrier: name of the setup arm that holds it, "" of others
         frame, pose: the frame that its base stands in and T_frame_base (4, 4); "", None of others
     """
@@ -186,6 +190,7 @@ class LabArm:
     instrument: Instrument | None
     endoscope: EndoscopeType | None
     gains: Mapping[str, Gain]
+    mounting_pitch: float | None = None
     carrier: str = ""
     frame: str = ""
     pose: Array | None = None
@@ -403,6 +408,13 @@ class _SystemReader:
                 f"got {arm.generation!r}; allowed: {meant}, for kinematic is {arm.kinematic!r}",
             )
         generation = arm.generation or meant
+        pitch = arm.mounting_pitch
+        if pitch is not None and not abs(pitch) <= math.pi / 2.0:
+            raise file.fail(
+                "mounting_pitch",
+                f"got {pitch:g}; allowed: -1.571 to 1.571 rad (on an Si cart -0.785 for PSM1 and"
+                " PSM2, -0.262 for PSM3, -1.222 for the ECM)",
+            )
         fixed = kind == "PSM" and entry.name not in self._tools
         tool, instrument = self._tool(file, entry) if fixed else ("", None)
         endoscope = _endoscope(file) if kind == "ECM" else None
@@ -410,10 +422,38 @@ class _SystemReader:
             named = arm.endoscope or arm.kinematic
             self._notes.append(f"{entry.name}: endoscope {named!r} is taken as {endoscope.name}")
         gains = self._gains(place, entry, kind, generation)
+        base = self._base(place, entry)
+        if base[0]:
+            self._check_carrier(file, place, generation, base[0])
         return LabArm(
             entry.name, kind, generation, file.name if not file.prefix else arm.kinematic, chain,
-            tool, instrument, endoscope, gains, *self._base(place, entry),
+            tool, instrument, endoscope, gains, arm.mounting_pitch, *base,
         )  # fmt: skip
+
+    def _check_carrier(
+        self, file: JsonFile[ArmFile], place: JsonFile[Any], generation: Generation, carrier: str
+    ) -> None:
+        """Compare an arm with the setup joints that hold it: generation, and lean of an Si's."""
+        suj = next(arm for arms in self._setup.values() for arm in arms if arm.name == carrier)
+        if suj.fixed is not None:
+            return
+        if suj.generation != generation:
+            raise place.fail(
+                "base_frame.component",
+                f"got setup joints of generation {suj.generation} for an arm of generation"
+                f" {generation}; allowed: setup joints of generation {generation}",
+            )
+        pitch = file.entries.mounting_pitch
+        if pitch is None or suj.chain is None or generation == "Classic":
+            return
+        up = suj.base(np.zeros(suj.chain.moving))[2, :3]
+        lean = math.atan2(up[1], up[2])
+        if abs(lean - pitch) > SAME_LEAN:
+            self._notes.append(
+                f"{file.name}: mounting_pitch is {math.degrees(pitch):.1f} degrees, and its setup"
+                f" joints lean by {math.degrees(lean):.1f}; gravity compensation of the dVRK"
+                " follows the former, this rig the latter"
+            )
 
     def _arm_file(self, place: JsonFile[Any], entry: ArmEntry) -> JsonFile[ArmFile]:
         """Return an arm's own file, found as the dVRK finds it, or its entry in the system's."""
@@ -470,7 +510,10 @@ class _SystemReader:
             return "", None
         if not arm.tool:
             raise file.fail("tool", "is missing; allowed: a string")
-        tool = re.sub(r"_(\d{6})$", r":\1", re.sub(r"\[.*\]$", "", arm.tool))
+        try:
+            tool = re.sub(r"_(\d{6})$", r":\1", tool_of_version(arm.tool))
+        except InputError as problem:
+            raise file.fail("tool", str(problem)) from problem
         code = re.sub(r"^\d+MM_", "", tool).replace(":", "_")  # 5MM_NEEDLE_DRIVER:400117
         for stem in dict.fromkeys((tool.replace(":", "_"), code)):
             path = self._sources.find(f"tool/{stem}.json")

@@ -60,7 +60,7 @@ def run(args: Namespace) -> int:
             tip = how.standing(arm).arm.mechanism.tip
             known = [one for each in weights(args.weight, tip) for one in each]
             found.append(predict(args.log, arm, args.dynamics, known, how, args.samples))
-    document = found[0] if len(found) == 1 else found
+    document = found[0] if len(found) == 1 else {"predictions": found}
     if args.report is not None:
         write_report(args.report, document, found, args.overwrite)
     print_result(args, document, lambda: "\n\n".join(_text(one) for one in found))

@@ -125,7 +125,10 @@ def _longest(time: Array) -> tuple[int, int]:
 
 def _arms_of(file: Path) -> list[str]:
     """Return the names of the arms in a file."""
-    names: list[str] = _parquet().read_schema(file).names
+    try:
+        names: list[str] = _parquet().read_schema(file).names
+    except (OSError, ValueError) as problem:  # pyarrow's errors are of both
+        raise LogError(str(file), f"cannot be read: {problem}") from problem
     if SURGSYNC_TIME in names and "measured_js.position" in names:
         return [file.stem]
     parts = [name.split(".") for name in names if name.startswith("observation.state.")]

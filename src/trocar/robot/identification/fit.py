@@ -428,7 +428,7 @@ def _undetermined(
             continue
         rows = matrix[:, k]
         variances = cast("Array", np.sum(rows @ found.covariance * rows, axis=1))
-        ratio = float(np.sqrt(np.mean(variances)) / efforts[k])
+        ratio = float(np.sqrt(np.mean(np.maximum(variances, 0.0))) / efforts[k])
         if ratio > EXCITED:
             own = np.sqrt(cast("Array", np.mean(rows**2, axis=0))) * found.sigma
             worst: list[int] = np.argsort(-own)[:NAMED].tolist()

@@ -171,10 +171,10 @@ def log_kind(
     """
     if is_recording(path):
         return "recording"
-    if is_bag(path):
-        return "bag"
     if is_episode(path):
         return "episode"
+    if is_bag(path):
+        return "bag"
     if _header(path) is not None:
         return "table"
     return "poses" if _has_poses(path) else "rows"

@@ -104,7 +104,7 @@ def _kind(found: Prediction) -> str:
     return (
         "poses at rest"
         if log.log.poses
-        else f"samples at {log.log.rate_hz:.4g} Hz, cut-off {log.settings.cutoff_hz:g} Hz"
+        else f"samples at {log.log.rate_hz:.4g} Hz, cut-off {log.settings.cutoff_hz:.4g} Hz"
     )
 
 

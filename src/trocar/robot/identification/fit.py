@@ -448,7 +448,7 @@ def effort_scale(parts: Sequence[tuple[Array, Array]], logs: Sequence[FilteredLo
 def _filled(part: tuple[Array, Array]) -> NDArray[np.bool_]:
     """Return the columns of a regression that have rows, (n,)."""
     matrix, target = part
-    return matrix.any(axis=(0, 2)) | target.any(axis=0)
+    return np.asarray(matrix.any(axis=(0, 2)) | target.any(axis=0), np.bool_)
 
 
 def reweighted(

@@ -93,7 +93,8 @@ class Log:
 
     def still(self, arm: ArmDescription) -> tuple[str, ...]:
         """Return the columns that do not move."""
-        return self._still(arm, np.linalg.inv(self.joint_from_column), self.columns)
+        column_from_joint = cast("Array", np.linalg.inv(self.joint_from_column))
+        return self._still(arm, column_from_joint, self.columns)
 
     def still_joints(self, arm: ArmDescription) -> tuple[str, ...]:
         """Return the joints that do not move."""

@@ -90,7 +90,7 @@ def cross_validate(
     """
     problem = fit_problem([log], arm, keep=keep)
     model, ((matrix, target),) = problem.model, problem.parts
-    fitted = matrix.any(axis=(0, 2))
+    fitted = np.asarray(matrix.any(axis=(0, 2)), np.bool_)
     bounds = all_bounds(arm, model.frames, mass_ratios)
     effort = log.cut(log.effort)
     length = period(log)
@@ -106,5 +106,6 @@ def cross_validate(
         best = reweighted(model, bounds, [part], [log]).parameters
         predicted[held] = (effort - target)[held] + matrix[held] @ best
     found = score(log.log.columns, effort, predicted)
-    unfitted = {name: None for name, one in zip(log.log.columns, fitted, strict=True) if not one}
-    return Score({**found.relative_rms_percent, **unfitted}, found.rms)
+    errors = found.relative_rms_percent
+    left = zip(errors.items(), fitted.tolist(), strict=True)
+    return Score({name: error if one else None for (name, error), one in left}, found.rms)

@@ -118,3 +118,20 @@ def test_excite_takes_how_an_arm_stands(tmp_path: Path, capsys: pytest.CaptureFi
         assert main(["excite", *how, *out]) == 0
         conditions.append(json.loads(capsys.readouterr().out)["condition_number"])
     assert conditions[0] == pytest.approx(conditions[1])
+
+
+def test_replay_takes_how_an_arm_stands(
+    log: Path, rig: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Motors of a leaning arm carry what the log has; an upright one's carry another weight."""
+    table = np.loadtxt(log, delimiter=",", skiprows=1)[:, 1:]
+    rows = tmp_path / "rows.csv"
+    np.savetxt(rows, table, delimiter=",")
+    words = ["replay", str(rows), "--rate", "100", "--wrist", "joint", "--dynamics", "cad"]
+    found: dict[str, float] = {}
+    for how in ("--base-rpy=30,0,0", f"--rig={rig}", "--arm=psm"):
+        assert main([*words, how, "--json"]) == 0
+        document = json.loads(capsys.readouterr().out)
+        found[how.partition("=")[0]] = document["effort_relative_rms"]["pitch"]
+    assert found["--base-rpy"] == pytest.approx(found["--rig"], rel=1e-3)
+    assert found["--base-rpy"] < 0.5 * found["--arm"]

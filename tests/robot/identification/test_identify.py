@@ -440,10 +440,12 @@ def test_a_joint_can_be_left_as_described(tidy: Callable[..., Path]) -> None:
         identify([log], arm, keep=["rol"])
 
 
-def test_a_log_that_says_nothing_is_refused(tidy: Callable[..., Path]) -> None:
+def test_a_log_that_determines_nothing_is_refused(tidy: Callable[..., Path]) -> None:
     arm = load_arm("ecm")
     log = filtered(read_motion(tidy(), arm), arm, SETTINGS)
-    with pytest.raises(LogError, match=r"says nothing of the arm \(yaw is to stay as described"):
+    with pytest.raises(
+        LogError, match=r"determines nothing of the arm \(yaw is to stay as described"
+    ):
         identify([log], arm, keep=arm.mechanism.joint_names)
 
 

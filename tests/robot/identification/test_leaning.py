@@ -89,7 +89,7 @@ def test_identify_takes_how_an_arm_stands(
     assert found["30,0,0"]["pitch"] < 0.5 * found["0,0,0"]["pitch"]
 
 
-def test_a_recording_of_a_simulation_says_itself_how_its_arm_stands(
+def test_the_direction_of_gravity_of_a_recorded_simulation_is_that_of_its_rig(
     tmp_path: Path, rig: Path
 ) -> None:
     world = World(rig)
@@ -100,7 +100,7 @@ def test_a_recording_of_a_simulation_says_itself_how_its_arm_stands(
     given = read_motion(tmp_path / "it.mcap", load_arm("psm"), up=np.array([0.0, 0.0, 1.0]))
     assert given.up.tolist() == [0.0, 0.0, 1.0]
     rig.unlink()
-    with pytest.raises(LogError, match=r"its rig cannot be read, .* how PSM1 stands"):
+    with pytest.raises(LogError, match=r"its rig, .* gravity in PSM1 .*cannot be read"):
         read_motion(tmp_path / "it.mcap", load_arm("psm"))
 
 

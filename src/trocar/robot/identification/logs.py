@@ -351,8 +351,8 @@ def _recorded_up(recorded: Recorded, name: str) -> Array:
     except TrocarError as problem:
         raise LogError(
             recorded.file,
-            f"its rig cannot be read, which says how {name} stands ({problem}); allowed: name the"
-            " rig, or the rotation of the base",
+            f"its rig, on which the direction of gravity in {name} depends, cannot be read"
+            f" ({problem}); allowed: name the rig, or the rotation of the base",
         ) from problem
 
 

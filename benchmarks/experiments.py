@@ -161,6 +161,12 @@ EXPERIMENTS = (
         "benchmarks.si:controller",
     ),
     Experiment(
+        "si-identification",
+        "parameters identified from simulated arms of an Si against the truth",
+        "benchmarks.si_round_trip:si_round_trip",
+        extra="identify",
+    ),
+    Experiment(
         "errors",
         "distance of tips from the poses that robots report",
         "benchmarks.errors:errors",

@@ -9,6 +9,7 @@ recording of a simulation. See docs/dynamics.md.
 
 from __future__ import annotations
 
+import math
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from typing import TYPE_CHECKING, Any
 
@@ -18,8 +19,8 @@ from trocar.cli.output import print_result, progress_steps, table
 if TYPE_CHECKING:
     from trocar.cli.arguments import Arguments
     from trocar.robot.identification import (
-        FilteredLog,
         Identified,
+        Log,
         LogSettings,
         Prediction,
         Score,
@@ -42,6 +43,8 @@ def add_arguments(parser: ArgumentParser) -> None:
                                             order, 0 for none
         --mass-bounds LOWER,UPPER:bounds = 0.3,3  bounds of the masses as ratios of the CAD
                                             estimates (default: 0.3,3)
+        --keep JOINT ...                    joint to leave as described (repeatable); joints that do
+                                            not move or have no recorded efforts are, too
         --cross-validate                    also hold out each sixth of the trajectory's period in
                                             turn (first LOG)
         -o,--output OVERLAY required        overlay to write
@@ -54,7 +57,8 @@ def add_arguments(parser: ArgumentParser) -> None:
 def add_log(parser: Arguments) -> None:
     """Add the arm of a log, and how to read the log."""
     options(parser, """
-        --arm ARM = psm              built-in arm (see trocar list arms) or TOML file
+        --arm ARM                    built-in arm (see trocar list arms) or TOML file; with --rig,
+                                     an arm of that rig (default: psm; with --rig its only one)
         --tool TOOL                  built-in tool or TOML file (default: the tool of the arm's
                                      description)
         --rate HZ:number = 200       sample rate of a CSV log without header; bags are resampled to
@@ -64,15 +68,45 @@ def add_log(parser: Arguments) -> None:
         --topic TOPIC                bag: topic of joint states (default: the only one that fits the
                                      arm)
         --cutoff HZ:number           cut-off of the zero-phase filters (default: 16.96 for a PSM,
-                                     5.65 for an MTM)
+                                     5.65 for an MTM, a fifth of the rate of a slow log)
     """)  # fmt: skip
+    add_standing(parser)
+
+
+def add_standing(parser: Arguments) -> None:
+    """Add how an arm stands."""
+    options(parser, """
+        --rig RIG            rig in which the arm stands, built-in or TOML file: it gives the
+                             direction of gravity, setup joints at the pose "start"
+    """)  # fmt: skip
+    add_base_rpy(parser)
+
+
+def add_base_rpy(parser: Arguments) -> None:
+    """Add the rotation of an arm's base."""
+    options(parser, """
+        --base-rpy R,P,Y:angles  rotation of the arm's base in the world about its fixed axes x, y,
+                             z, in degrees, as rpy_deg of a rig (default: upright, of a recording of
+                             a simulation as its rig has it); write --base-rpy=-45,0,0
+    """, angles=angles)  # fmt: skip
 
 
 def log_settings(args: Namespace) -> LogSettings:
     """Return the settings from the options of `add_log`."""
     from trocar.robot.identification import LogSettings
 
-    return LogSettings(args.tool, args.rate, args.wrist, args.topic, args.cutoff)
+    return LogSettings(
+        args.tool, args.rate, args.wrist, args.topic, args.cutoff, args.rig, args.base_rpy
+    )
+
+
+def angles(text: str) -> tuple[float, float, float]:
+    """Return three angles in degrees [rad]."""
+    try:
+        roll, pitch, yaw = (math.radians(float(part)) for part in text.split(","))
+    except ValueError:
+        raise ArgumentTypeError(f"got {text!r}; allowed: R,P,Y in degrees, e.g. -45,0,0") from None
+    return roll, pitch, yaw
 
 
 def allow_log(args: Namespace, *files: str) -> None:
@@ -129,7 +163,6 @@ def bounds(text: str) -> tuple[float, float]:
 def run(args: Namespace) -> int:
     """Identify, write the overlay, and print what was found."""
     from trocar import __version__
-    from trocar.descriptions import load_arm
     from trocar.descriptions.overlay import write_overlay
     from trocar.outputs import check_file, check_folder
     from trocar.robot.identification import (
@@ -138,7 +171,6 @@ def run(args: Namespace) -> int:
         filtered,
         identify,
         predict,
-        read_motion,
     )
     from trocar.robot.identification.predict import write_report
 
@@ -147,17 +179,18 @@ def run(args: Namespace) -> int:
         check_folder(args.report, args.overwrite)
     allow_log(args, *args.log)
     how = log_settings(args)
-    arm = load_arm(args.arm, args.tool)
-    filters = how.filters(default_filters(arm))
+    standing = how.standing(args.arm)
+    arm = standing.arm
     known = weights(args.weight, arm.mechanism.tip)
     strapped = known or [[] for _ in args.log]
     with progress_steps() as watch:
-        logs: list[FilteredLog] = []
+        read: list[Log] = []
         for file in args.log:
             watch(f"reading {file}")
-            log = read_motion(file, arm, how.rate_hz, how.wrist, how.topic)
-            logs.append(filtered(log, arm, filters))
-        found = identify(logs, arm, known, args.mass_bounds, watch)
+            read.append(how.read(file, standing))
+        filters = how.filters(default_filters(arm), min(log.rate_hz for log in read))
+        logs = [filtered(log, arm, filters) for log in read]
+        found = identify(logs, arm, known, args.mass_bounds, watch, args.keep)
         overlay = found.overlay(__version__)
         scored: list[Prediction] = []
         for file, own in zip(args.log, strapped, strict=True):
@@ -165,7 +198,7 @@ def run(args: Namespace) -> int:
             scored.append(predict(file, args.arm, overlay, own, how))
         held_out = None
         if args.cross_validate:
-            held_out = cross_validate(logs[0], arm, args.mass_bounds, watch)
+            held_out = cross_validate(logs[0], arm, args.mass_bounds, watch, args.keep)
     document = _document(found, scored, held_out, args.output)
     write_overlay(args.output, overlay, overwrite=args.overwrite)
     if args.report is not None:
@@ -199,6 +232,7 @@ def _document(
         ],
         "condition_number": base.condition,
         "identifiable": list(base.identifiable),
+        "kept_as_described": found.kept,
     }
 
 
@@ -215,6 +249,11 @@ def _text(found: Identified, scored: list[Prediction], held_out: Score | None, o
         table(["body", "mass [kg]", "sigma", "x [mm]", "y [mm]", "z [mm]"], rows),
         "",
         errors(scored, held_out),
+        *(
+            ["", *(f"kept as described: {name} ({why})" for name, why in found.kept.items())]
+            if found.kept
+            else []
+        ),
         f"\nwritten: {output}",
     ]
     return "\n".join(parts)

@@ -15,6 +15,7 @@ from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_calibration, add_gains, add_json, allow, options
+from trocar.cli.identify import add_base_rpy
 from trocar.cli.output import print_result, progress_bar, table
 
 if TYPE_CHECKING:
@@ -32,13 +33,16 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_json(parser)
     own = parser.add_argument_group("recording of a simulation")
     options(own, """
-        --rig RIG  TOML file of the recorded rig, if its path has changed
+        --rig RIG  rig of the recording, if its path has changed; of a log of a real arm, the rig in
+                   which it stands
     """)  # fmt: skip
     real = parser.add_argument_group("log of a real arm")
     options(real, """
-        --arm ARM = psm  built-in arm (see trocar list arms) or TOML file
+        --arm ARM        built-in arm (see trocar list arms) or TOML file; with --rig, an arm of
+                         that rig (default: psm; with --rig its only one)
         --tool TOOL      built-in tool or TOML file (default: the tool of the arm's description)
     """)  # fmt: skip
+    add_base_rpy(real)
     add_calibration(real)
     options(real, """
         --mode position|effort = position  position: track the recorded positions (default); effort:
@@ -59,10 +63,19 @@ def run(args: Namespace) -> int:
     from trocar.recording.bags import is_bag
 
     if is_recording(args.log):
-        real = ("arm", "tool", "calibration", "dynamics", "mode", "window", "rate", "wrist")
+        real = (
+            "arm",
+            "tool",
+            "base_rpy",
+            "calibration",
+            "dynamics",
+            "mode",
+            "window",
+            "rate",
+            "wrist",
+        )
         allow(args, "with the log of a real arm", *real, "topic", "control", "friction")
         return _repeat(args)
-    allow(args, "with a recording of a simulation", "rig")
     if args.mode == "position":
         allow(args, "with --mode effort", "window")
     if is_bag(args.log):
@@ -96,6 +109,8 @@ def _replay(args: Namespace) -> int:
         tool=args.tool,
         topic=args.topic,
         calibration=args.calibration,
+        rig=args.rig,
+        base_rpy=args.base_rpy,
     )
     with progress_bar("rows") as watch:
         report = replay(args.log, args.arm, settings, watch)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
 
@@ -10,11 +11,12 @@ import pytest
 
 from benchmarks.drives import masters
 from trocar import World
+from trocar.cli import main
 from trocar.descriptions import load_arm
 from trocar.descriptions.calibrated import as_overlay
 from trocar.descriptions.inertial import holding_efforts
 from trocar.errors import InputError
-from trocar.robot.identification import Weight, predict
+from trocar.robot.identification import Weight, predict, read_motion
 from trocar.robot.identification.bounds import body_bounds
 
 RECORDINGS = Path(os.environ.get("TROCAR_HARDWARE_DATA", "none"))
@@ -93,3 +95,25 @@ def test_a_weight_on_the_arm_is_predicted_without_a_new_fit(grams: int) -> None:
         predicted, ignored = with_it[column], without[column]
         assert predicted is not None and ignored is not None
         assert predicted < min(goal, 0.8 * ignored)
+
+
+@recorded
+def test_a_bag_without_the_jaw_identifies_the_other_joints(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("clarabel", reason="clarabel is not installed: trocar[identify]")
+    motions = pytest.importorskip("tests.robot.follow.motions", reason="rosbags is not installed")
+    log = read_motion(RECORDINGS / "psm_one_no_weight_results.csv.gz", load_arm("psm"))
+    rows = [
+        (k / log.rate_hz, "/PSM1/measured_js", log.q[k, :6], log.qd[k, :6], log.effort[k, :6])
+        for k in range(len(log.q))
+    ]
+    bag = motions.write(tmp_path / "psm.bag", "ros1", rows)
+    words = ["identify", str(bag), "--arm", "psm", "-o", str(tmp_path / "own.toml"), "--json"]
+    assert main(words) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert list(document["kept_as_described"]) == ["jaw"]
+    *found, jaw = document["logs"][0]["relative_rms_percent"].values()
+    # Source: the roadmap's figures for a bag without a jaw
+    assert all(v < goal for v, goal in zip(found, (12, 24, 13, 33, 20, 30), strict=True))
+    assert jaw is None

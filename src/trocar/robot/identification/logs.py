@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, cast
 
@@ -12,10 +12,11 @@ from scipy.signal import butter, sosfiltfilt  # pyright: ignore[reportMissingTyp
 
 from trocar.descriptions import ArmDescription
 from trocar.descriptions.overlay_records import FilterSettings
-from trocar.errors import InputError, LogError
-from trocar.recording import is_recording, open_recording
+from trocar.errors import InputError, LogError, TrocarError
+from trocar.recording import Recorded, is_recording, open_recording
 from trocar.recording.bags import is_bag
-from trocar.robot.identification.rigid_body import JointMotion
+from trocar.robot.identification.episodes import episode_rows, is_episode
+from trocar.robot.identification.rigid_body import UPRIGHT, JointMotion
 from trocar.robot.logs import (
     MOTOR_SIDE,
     Wrist,
@@ -25,6 +26,7 @@ from trocar.robot.logs import (
     read_log,
     recorded_joints,
 )
+from trocar.robot.standing import standing_arm
 
 Array = NDArray[np.float64]
 
@@ -41,6 +43,17 @@ SLOPES = (0.5, 2.0)
 #: Least correlation of velocities with the derivative of positions. Source: our own choice;
 #: recorded ones correlate by 0.8 or more, swapped columns by chance.
 CORRELATION = 0.6
+#: Motion below which a joint stands still, as a ratio of its range. Source: our own choice.
+STILL = 1e-3
+#: Cut-off of filters, and of what velocities are compared by, as a ratio of the rate of a log that
+#: is too slow for the usual cut-off. Source: our own choice, 2 Hz for a log of 10 Hz.
+SLOW_CUTOFF = 0.2
+#: Columns of a file of poses at rest: positions and efforts of an arm's first three joints. Source:
+#: dvrk_python@a1b337b scripts/dvrk_ecm_psm_gc_collect.py.
+POSE_JOINTS = 3
+#: Least number of poses at rest. Source: our own choice; three joints have twelve combinations of
+#: masses in their weight at most, three numbers a pose.
+FEWEST_POSES = 6
 #: Largest ratio of samples at the effort limit, and at the largest effort in the log, which a lower
 #: limit of one's own may set. Source: our own choice.
 SATURATED = 0.02
@@ -57,6 +70,8 @@ class Log:
         columns: names of the efforts as they are compared: joints, or motors where the log has them
         joint_from_column: q = joint_from_column @ column positions, (n, n)
         simulated: whether velocities have no noise, so that their signs are those of the motion
+        up: direction against gravity in the arm's reference frame, (3,)
+        poses: whether samples are poses at rest, which no time connects
     """
 
     file: str
@@ -67,6 +82,29 @@ class Log:
     columns: tuple[str, ...]
     joint_from_column: Array
     simulated: bool = False
+    up: Array = field(default_factory=lambda: UPRIGHT)
+    poses: bool = False
+
+    @property
+    def silent(self) -> tuple[str, ...]:
+        """Columns without recorded efforts: zero throughout."""
+        size = np.abs(self.effort @ self.joint_from_column).max(axis=0)
+        return tuple(name for name, most in zip(self.columns, size, strict=True) if not most)
+
+    def still(self, arm: ArmDescription) -> tuple[str, ...]:
+        """Return the columns that do not move."""
+        column_from_joint = cast("Array", np.linalg.inv(self.joint_from_column))
+        return self._still(arm, column_from_joint, self.columns)
+
+    def still_joints(self, arm: ArmDescription) -> tuple[str, ...]:
+        """Return the joints that do not move."""
+        names = arm.mechanism.joint_names[: self.q.shape[1]]
+        return self._still(arm, np.eye(len(names)), names)
+
+    def _still(self, arm: ArmDescription, matrix: Array, names: tuple[str, ...]) -> tuple[str, ...]:
+        span = (arm.mechanism.upper - arm.mechanism.lower)[: self.q.shape[1]]
+        still = np.ptp(self.q @ matrix.T, axis=0) < STILL * (np.abs(matrix) @ span)
+        return tuple(name for name, one in zip(names, still, strict=True) if one)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,10 +125,14 @@ class FilteredLog:
 
     def smooth(self, values: Array) -> Array:
         """Return predictions, (k, ...), filtered as the efforts are, with the ends cut."""
+        if self.log.poses:
+            return values
         return self.cut(low_pass(values, self.settings.cutoff_hz, self.log.rate_hz, self.settings))
 
     def cut(self, values: Array) -> Array:
-        """Return samples, (k, ...), without those at both ends."""
+        """Return samples, (k, ...), without those at both ends; all poses at rest."""
+        if self.log.poses:
+            return values
         ends = round(CUT_S * self.log.rate_hz)
         return values[ends:-ends]
 
@@ -109,13 +151,34 @@ def default_filters(arm: ArmDescription) -> FilterSettings:
     return FilterSettings(cutoff_hz=16.96, acceleration_cutoff_hz=second)
 
 
-def log_kind(path: str | Path) -> Literal["recording", "bag", "table", "rows"]:
-    """Determine the kind of a log: a recording, a bag, or CSV with or without a header."""
+def slowed(settings: FilterSettings, rate_hz: float) -> FilterSettings:
+    """Return filters with cut-offs that a log of a low rate has room for."""
+    most = SLOW_CUTOFF * rate_hz
+    highest = max(settings.cutoff_hz, *settings.acceleration_cutoff_hz.values(), 0.0)
+    if highest < 0.5 * rate_hz:
+        return settings
+    second = {name: min(most, value) for name, value in settings.acceleration_cutoff_hz.items()}
+    return replace(settings, cutoff_hz=min(most, settings.cutoff_hz), acceleration_cutoff_hz=second)
+
+
+def log_kind(
+    path: str | Path,
+) -> Literal["recording", "bag", "episode", "table", "poses", "rows"]:
+    """Determine the kind of a log.
+
+    Returns:
+        a recording, a bag, an episode of a public dataset, or CSV: a table with a header, poses at
+        rest, or rows of numbers
+    """
     if is_recording(path):
         return "recording"
+    if is_episode(path):
+        return "episode"
     if is_bag(path):
         return "bag"
-    return "rows" if _header(path) is None else "table"
+    if _header(path) is not None:
+        return "table"
+    return "poses" if _has_poses(path) else "rows"
 
 
 def read_motion(
@@ -124,17 +187,26 @@ def read_motion(
     rate_hz: float = 200.0,
     wrist: Wrist = "motor",
     topic: str | None = None,
+    *,
+    up: Array | None = None,
+    name: str = "",
 ) -> Log:
     """Read a log of one arm.
 
     Args:
         path: CSV without a header as `trocar replay` reads it; CSV with the header time,
-            JOINT_position, JOINT_velocity, JOINT_effort (SI units, public joints); a bag; or a
-            recording of trocar's own
+            JOINT_position, JOINT_velocity, JOINT_effort (SI units, public joints); CSV of poses at
+            rest: positions and efforts of the first three joints, as dvrk_python's script for
+            gravity compensation writes it; a bag; a recording of trocar's own; or an episode of
+            SurgSync or Open-H. A joint of the wrist or a jaw that a table lacks rests without
+            efforts
         arm: the recorded arm, with the tool that was mounted
         rate_hz: of a CSV without a header, and of the samples taken from a bag [Hz]
         wrist: of a CSV without a header: on which side of the coupling coupled joints were recorded
         topic: of a bag's joint states
+        up: direction against gravity in the arm's reference frame, (3,); None: as a recording of
+            trocar's own has it, upright of other logs
+        name: of the arm, in a recording or an episode of several
 
     Raises:
         LogError: no log of this arm, too short, or columns that cannot be what they are called
@@ -146,7 +218,12 @@ def read_motion(
     columns, matrix = joints, np.eye(len(joints))
     kind = log_kind(path)
     if kind == "recording":
-        rows, rate_hz = _own_rows(file, arm)
+        rows, rate_hz, recorded_up = _own_rows(file, arm, name)
+        up = recorded_up if up is None else up
+    elif kind == "episode":
+        rows, rate_hz = episode_rows(path, arm, name)
+    elif kind == "poses":
+        rows = _pose_rows(path, arm)
     elif kind == "bag":
         rows, has_efforts = read_bag(path, arm, rate_hz, topic)
         if not has_efforts:
@@ -162,12 +239,15 @@ def read_motion(
                 f"motor_{k + 1}" if k in which else name for k, name in enumerate(joints)
             )
     check_rows(file, 1, rows, arm)
+    stands = UPRIGHT if up is None else up
+    q, qd, effort = (np.ascontiguousarray(rows[:, k]) for k in range(3))
+    if kind == "poses":
+        return Log(file, rate_hz, q, qd, effort, columns, matrix, up=stands, poses=True)
     if len(rows) < SHORTEST_S * rate_hz:
         raise LogError(
             file, f"lasts {len(rows) / rate_hz:.3g} s; allowed: {SHORTEST_S:g} s or more"
         )
-    q, qd, effort = (np.ascontiguousarray(rows[:, k]) for k in range(3))
-    log = Log(file, rate_hz, q, qd, effort, columns, matrix, kind == "recording")
+    log = Log(file, rate_hz, q, qd, effort, columns, matrix, kind == "recording", stands)
     _check_columns(log, arm)
     return log
 
@@ -181,6 +261,11 @@ def filtered(log: Log, arm: ArmDescription, settings: FilterSettings) -> Filtere
     Raises:
         InputError: a cut-off at or above half of the log's rate
     """
+    if log.poses:
+        resting = np.tile(arm.poses["home"][log.q.shape[1] :], (len(log.q), 1))
+        q = np.hstack([log.q, resting])
+        motion = JointMotion(q, 0.0 * q, 0.0 * q, up=log.up)
+        return FilteredLog(log, settings, motion, log.effort @ log.joint_from_column)
     for cutoff in (settings.cutoff_hz, *settings.acceleration_cutoff_hz.values()):
         if not cutoff < 0.5 * log.rate_hz:
             raise InputError(
@@ -210,6 +295,7 @@ def filtered(log: Log, arm: ArmDescription, settings: FilterSettings) -> Filtere
         np.hstack([qdd, still]),
         np.hstack([log.q, rest]),
         np.hstack([log.qd, still]) if log.simulated else None,
+        log.up,
     )
     return FilteredLog(log, settings, motion, smooth(log.effort @ log.joint_from_column))
 
@@ -228,36 +314,80 @@ def derivative(values: Array, rate_hz: float) -> Array:
     return found
 
 
-def constant_joints(log: Log, arm: ArmDescription) -> tuple[str, ...]:
-    """Return the joints that do not move: by less than a thousandth of their range."""
-    count = log.q.shape[1]
-    span = (arm.mechanism.upper - arm.mechanism.lower)[:count]
-    still = np.ptp(log.q, axis=0) < 1e-3 * span
-    return tuple(name for name, s in zip(arm.mechanism.joint_names, still, strict=False) if s)
-
-
-def _own_rows(file: str, arm: ArmDescription) -> tuple[Array, float]:
-    """Return the rows of a recording of trocar's own, (k, 3, n), and their rate [Hz].
+def _own_rows(file: str, arm: ArmDescription, name: str) -> tuple[Array, float, Array]:
+    """Return the rows of a recording of trocar's own, (k, 3, n), their rate [Hz], and `up`, (3,).
 
     An effort acts during the step that ends at its row: efforts are means of the steps before and
     after. Half a step of delay would take inertia times jerk for 9 % of a yaw's viscous friction.
     """
     recorded = open_recording(file)
     joints = recorded_joints(arm)
-    known = [recorded.columns(name) for name in recorded.arms]
+    known = [recorded.columns(one) for one in recorded.arms if name in ("", one)]
     fitting = [c for c in known if c is not None and set(joints) <= set(c.joints)]
     if len(fitting) != 1:
         raise LogError(
             file,
             f"contains {len(fitting)} arms with the joints of {arm.name}"
-            f" ({', '.join(recorded.arms)}); allowed: one",
+            f" ({', '.join(recorded.arms)}); allowed: one"
+            " (of several, name a rig and the arm)",
         )
     every = max(1, round(0.005 / recorded.timestep))
     states = recorded.states(fitting[0])
     order = [list(fitting[0].joints).index(name) for name in joints]
     effort = 0.5 * (states.effort + np.concatenate([states.effort[1:], states.effort[-1:]]))
     rows = np.stack([states.position, states.velocity, effort], axis=1)
-    return rows[::every, :, order], 1.0 / (every * recorded.timestep)
+    rate_hz = 1.0 / (every * recorded.timestep)
+    return rows[::every, :, order], rate_hz, _recorded_up(recorded, fitting[0].name)
+
+
+def _recorded_up(recorded: Recorded, name: str) -> Array:
+    """Return the direction against gravity of a recorded arm, as its rig has it, (3,).
+
+    A rig that was built in Python is not in the recording: its arms are taken to stand upright.
+    """
+    source = recorded.about["rig_source"]
+    try:
+        return standing_arm(name, rig=source).up if source else UPRIGHT
+    except TrocarError as problem:
+        raise LogError(
+            recorded.file,
+            f"its rig, on which the direction of gravity in {name} depends, cannot be read"
+            f" ({problem}); allowed: name the rig, or the rotation of the base",
+        ) from problem
+
+
+def _has_poses(path: str | Path) -> bool:
+    """Return whether a CSV file's first row has as many numbers as a pose at rest."""
+    where = Path(path).expanduser()
+    if not where.is_file():
+        return False
+    with where.open("rb") as stream:
+        return stream.readline(1 << 14).count(b",") == 2 * POSE_JOINTS - 1
+
+
+def _pose_rows(path: str | Path, arm: ArmDescription) -> Array:
+    """Return poses at rest, (k, 3, n): the other joints at 0, as the script has them."""
+    file, joints = str(path), recorded_joints(arm)
+    found: list[list[float]] = []
+    with Path(path).expanduser().open(encoding="utf-8-sig", errors="replace") as stream:
+        for number, line in enumerate(stream, 1):
+            if not line.strip():
+                continue
+            fields = line.strip().split(",")
+            try:
+                values = [float(field) for field in fields]
+            except ValueError:
+                values = []
+            if len(values) != 2 * POSE_JOINTS or not np.isfinite(values).all():
+                raise LogError(file, f"got {line.strip()[:60]!r}; allowed: positions and efforts of"
+                    f" {', '.join(joints[:POSE_JOINTS])}", number)  # fmt: skip
+            found.append(values)
+    if len(found) < FEWEST_POSES:
+        raise LogError(file, f"got {len(found)} poses; allowed: {FEWEST_POSES} or more")
+    table = np.array(found)
+    rows = np.zeros((len(table), 3, len(joints)))
+    rows[:, 0, :POSE_JOINTS], rows[:, 2, :POSE_JOINTS] = np.hsplit(table, 2)
+    return rows
 
 
 def _header(path: str | Path) -> list[str] | None:
@@ -277,13 +407,20 @@ def _header(path: str | Path) -> list[str] | None:
 def _tidy_rows(path: str | Path, header: list[str], joints: tuple[str, ...]) -> tuple[Array, float]:
     """Return the rows of a CSV file with a header, (k, 3, n), and their rate [Hz]."""
     file = str(path)
-    needed = ["time", *(f"{j}_{what}" for what in ("position", "effort") for j in joints)]
+    first = joints[:POSE_JOINTS]
+    absent = [j for j in joints[POSE_JOINTS:] if f"{j}_position" not in header]
+    silent = [j for j in joints if f"{j}_effort" not in header]
+    needed = ["time", *(f"{j}_position" for j in first)]
+    if len(silent) == len(joints):
+        needed += [f"{j}_effort" for j in first]
+    needed += [f"{j}_position" for j in absent if j not in silent]
     lacking = [name for name in needed if name not in header]
     if lacking:
         raise LogError(
             file,
             f"lacks columns {', '.join(lacking)}; allowed: time, JOINT_position, JOINT_velocity"
-            f" (optional) and JOINT_effort of {', '.join(joints)}",
+            f" (optional) and JOINT_effort of {', '.join(joints)}; the last"
+            f" {len(joints) - len(first)} may be missing, and efforts of single joints",
             1,
         )
     rows: list[list[float]] = []
@@ -318,11 +455,15 @@ def _tidy_rows(path: str | Path, header: list[str], joints: tuple[str, ...]) -> 
     rate = (len(time) - 1) / (time[-1] - time[0])
 
     def quantity(what: str) -> Array:
-        columns = [table[:, header.index(f"{joint}_{what}")] for joint in joints]
-        return np.stack([np.interp(even, time, column) for column in columns], axis=1)
+        found = np.zeros((len(table), len(joints)))
+        for k, joint in enumerate(joints):
+            if f"{joint}_{what}" in header:
+                found[:, k] = np.interp(even, time, table[:, header.index(f"{joint}_{what}")])
+        return found
 
     q = quantity("position")
-    has_velocity = all(f"{joint}_velocity" in header for joint in joints)
+    moving = [joint for joint in joints if joint not in absent]
+    has_velocity = all(f"{joint}_velocity" in header for joint in moving)
     qd = quantity("velocity") if has_velocity else derivative(q, rate)
     return np.stack([q, qd, quantity("effort")], axis=1), rate
 
@@ -336,13 +477,18 @@ def _check_columns(log: Log, arm: ArmDescription) -> None:
     names = arm.mechanism.joint_names
     if not np.abs(log.effort).max() > 0.0:
         raise LogError(log.file, "efforts are zero throughout; allowed: recorded efforts")
-    moved = derivative(log.q, log.rate_hz)
+    moved, rates = derivative(log.q, log.rate_hz), log.qd
+    usual = default_filters(arm)
+    if slowed(usual, log.rate_hz) is not usual:
+        cutoff = SLOW_CUTOFF * log.rate_hz
+        moved, rates = (low_pass(one, cutoff, log.rate_hz, usual) for one in (moved, rates))
+    still = log.still_joints(arm)
     for k, name in enumerate(names[: log.q.shape[1]]):
-        if name in constant_joints(log, arm):
+        if name in still:
             continue
         size = float(moved[:, k] @ moved[:, k])
-        slope = float(log.qd[:, k] @ moved[:, k]) / size
-        speed = np.linalg.norm(log.qd[:, k])
+        slope = float(rates[:, k] @ moved[:, k]) / size
+        speed = np.linalg.norm(rates[:, k])
         similar = slope * np.sqrt(size) / speed if speed > 0.0 else 0.0
         if abs(similar) < CORRELATION:
             raise LogError(

@@ -14,7 +14,7 @@ from trocar.errors import InputError
 from trocar.formats.importing import import_file
 from trocar.robot.dvrk_config import import_dvrk
 from trocar.robot.identification.logs import read_motion
-from trocar.robot.logs import recorded_joints
+from trocar.robot.recordings import recorded_joints
 
 DIGITS, DEPTH = 5_000, 20_000
 

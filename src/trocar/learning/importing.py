@@ -19,7 +19,7 @@ from trocar.kinematics.inverse import inverse_kinematics, nearest_solution
 from trocar.learning.lerobot import INDEXES, Dataset, open_dataset
 from trocar.outputs import check_file, whole_folder
 from trocar.recording.bags import JointSamples, write_joint_states
-from trocar.robot.logs import recorded_joints
+from trocar.robot.recordings import recorded_joints
 
 Array = NDArray[np.float64]
 

@@ -1,0 +1,15 @@
+"""Recordings of a real arm's motion: one reader of bags, text and datasets (docs/recordings.md)."""
+
+from trocar.robot.recordings.arm_motion import ArmMotion
+from trocar.robot.recordings.motor_side import Wrist, recorded_joints
+from trocar.robot.recordings.read import ReadSettings, read_arm_motion, read_tips, recording_kind
+
+__all__ = [
+    "ArmMotion",
+    "ReadSettings",
+    "Wrist",
+    "read_arm_motion",
+    "read_tips",
+    "recorded_joints",
+    "recording_kind",
+]

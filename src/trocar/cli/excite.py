@@ -10,6 +10,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 
 from trocar.cli.arguments import add_json, add_overwrite, options
+from trocar.cli.identify import add_standing
 from trocar.cli.output import print_result, progress_bar
 
 SUMMARY = "plan a trajectory that excites an arm's dynamics"
@@ -19,7 +20,8 @@ ORDER = 51
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
     options(parser, """
-        --arm ARM = psm           built-in arm (see trocar list arms) or TOML file
+        --arm ARM                 built-in arm (see trocar list arms) or TOML file; with --rig, an
+                                  arm of that rig (default: psm; with --rig its only one)
         --tool TOOL               built-in tool or TOML file (default: the tool of the arm's
                                   description)
         --period S:number = 10    of the series
@@ -29,23 +31,34 @@ def add_arguments(parser: ArgumentParser) -> None:
         --seed N:int = 0          of the random numbers
         -o,--output CSV required  file to write: time, JOINT_position, JOINT_velocity (SI units)
     """)  # fmt: skip
+    add_standing(parser)
     add_overwrite(parser)
     add_json(parser)
 
 
 def run(args: Namespace) -> int:
     """Plan, write and print the condition number."""
-    from trocar.descriptions import load_arm
     from trocar.errors import InputError
     from trocar.outputs import check_file, write_text
     from trocar.robot.identification import excite, trajectory_csv
+    from trocar.robot.standing import standing_arm
 
     check_file(args.output, args.overwrite)
     if args.seed < 0:
         raise InputError(f"--seed: got {args.seed}; allowed: 0 or more")
-    arm = load_arm(args.arm, args.tool)
+    standing = standing_arm(args.arm, args.tool, args.rig, args.base_rpy)
+    arm = standing.arm
     with progress_bar("candidates") as watch:
-        found = excite(arm, args.period, args.repeats, args.rate, args.candidates, args.seed, watch)
+        found = excite(
+            arm,
+            args.period,
+            args.repeats,
+            args.rate,
+            args.candidates,
+            args.seed,
+            watch,
+            standing.up,
+        )
     write_text(args.output, trajectory_csv(found), args.overwrite)
     document = {
         "arm": arm.name,

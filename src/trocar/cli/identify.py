@@ -2,24 +2,27 @@
 
 Masses, centres of mass and inertias of the closed-loop mechanism, friction with pre-sliding
 hysteresis, rotors, springs and cables are fitted by convex optimisation, such that every body is
-physically possible. The output is an overlay for --dynamics. LOG is a CSV file as for `trocar
-replay`, a CSV file with header (time, JOINT_position, JOINT_velocity, JOINT_effort), a bag, or a
-recording of a simulation. See docs/dynamics.md.
+physically possible. The output is an overlay for --dynamics. LOG is a recording with efforts as for
+`trocar replay`, or a recording of a simulation. See docs/dynamics.md and docs/recordings.md.
 """
 
 from __future__ import annotations
 
+import math
+import sys
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from trocar.cli.arguments import add_json, add_overwrite, allow, options
+from trocar.cli.arguments import add_json, add_overwrite, options
 from trocar.cli.output import print_result, progress_steps, table
+from trocar.cli.reading import add_reading, allow_reading, read_settings
 
 if TYPE_CHECKING:
     from trocar.cli.arguments import Arguments
     from trocar.robot.identification import (
-        FilteredLog,
         Identified,
+        Log,
         LogSettings,
         Prediction,
         Score,
@@ -42,6 +45,8 @@ def add_arguments(parser: ArgumentParser) -> None:
                                             order, 0 for none
         --mass-bounds LOWER,UPPER:bounds = 0.3,3  bounds of the masses as ratios of the CAD
                                             estimates (default: 0.3,3)
+        --keep JOINT ...                    joint to leave as described (repeatable); joints that do
+                                            not move or have no recorded efforts are, too
         --cross-validate                    also hold out each sixth of the trajectory's period in
                                             turn (first LOG)
         -o,--output OVERLAY required        overlay to write
@@ -54,25 +59,42 @@ def add_arguments(parser: ArgumentParser) -> None:
 def add_log(parser: Arguments) -> None:
     """Add the arm of a log, and how to read the log."""
     options(parser, """
-        --arm ARM = psm              built-in arm (see trocar list arms) or TOML file
+        --arm ARM                    built-in arm (see trocar list arms) or TOML file; with --rig,
+                                     an arm of that rig (default: psm; with --rig its only one)
         --tool TOOL                  built-in tool or TOML file (default: the tool of the arm's
                                      description)
-        --rate HZ:number = 200       sample rate of a CSV log without header; bags are resampled to
-                                     it
-        --wrist motor|joint = motor  CSV log without header: side of the coupling on which a PSM's
-                                     wrist and jaw, or an MTM's joints 2 to 4, were recorded
-        --topic TOPIC                bag: topic of joint states (default: the only one that fits the
-                                     arm)
         --cutoff HZ:number           cut-off of the zero-phase filters (default: 16.96 for a PSM,
-                                     5.65 for an MTM)
+                                     5.65 for an MTM, a fifth of the rate of a slow log)
     """)  # fmt: skip
+    add_standing(parser)
+    add_reading(parser)
+
+
+def add_standing(parser: Arguments) -> None:
+    """Add how an arm stands."""
+    options(parser, """
+        --rig RIG            rig in which the arm stands, built-in or TOML file: it gives the
+                             direction of gravity, setup joints at the pose "start"
+        --base-rpy R,P,Y:angles  rotation of the arm's base in the world about its fixed axes x, y,
+                             z, in degrees, as rpy_deg of a rig (default: upright, of a recording of
+                             a simulation as its rig has it); write --base-rpy=-45,0,0
+    """, angles=angles)  # fmt: skip
 
 
 def log_settings(args: Namespace) -> LogSettings:
     """Return the settings from the options of `add_log`."""
     from trocar.robot.identification import LogSettings
 
-    return LogSettings(args.tool, args.rate, args.wrist, args.topic, args.cutoff)
+    return LogSettings(args.tool, read_settings(args), args.cutoff, args.rig, args.base_rpy)
+
+
+def angles(text: str) -> tuple[float, float, float]:
+    """Return three angles in degrees [rad]."""
+    try:
+        roll, pitch, yaw = (math.radians(float(part)) for part in text.split(","))
+    except ValueError:
+        raise ArgumentTypeError(f"got {text!r}; allowed: R,P,Y in degrees, e.g. -45,0,0") from None
+    return roll, pitch, yaw
 
 
 def allow_log(args: Namespace, *files: str) -> None:
@@ -84,13 +106,14 @@ def allow_log(args: Namespace, *files: str) -> None:
     """
     from trocar.robot.identification import log_kind
 
-    kinds = {log_kind(file) for file in files}
-    if "bag" not in kinds:
-        allow(args, "with a bag", "topic")
-    if "rows" not in kinds:
-        allow(args, "with a CSV log without header", "wrist")
-        if "bag" not in kinds:
-            allow(args, "with a CSV log without header, or a bag", "rate")
+    allow_reading(args, {str(log_kind(file)) for file in files})
+
+
+def report_read(logs: Sequence[Log]) -> None:
+    """Print what was understood of logs on stderr."""
+    for log in logs:
+        if log.understood:
+            print(log.understood, file=sys.stderr)
 
 
 def weight(text: str) -> tuple[float, str, tuple[float, float, float]]:
@@ -129,7 +152,6 @@ def bounds(text: str) -> tuple[float, float]:
 def run(args: Namespace) -> int:
     """Identify, write the overlay, and print what was found."""
     from trocar import __version__
-    from trocar.descriptions import load_arm
     from trocar.descriptions.overlay import write_overlay
     from trocar.outputs import check_file, check_folder
     from trocar.robot.identification import (
@@ -138,7 +160,6 @@ def run(args: Namespace) -> int:
         filtered,
         identify,
         predict,
-        read_motion,
     )
     from trocar.robot.identification.predict import write_report
 
@@ -147,17 +168,18 @@ def run(args: Namespace) -> int:
         check_folder(args.report, args.overwrite)
     allow_log(args, *args.log)
     how = log_settings(args)
-    arm = load_arm(args.arm, args.tool)
-    filters = how.filters(default_filters(arm))
+    standing = how.standing(args.arm)
+    arm = standing.arm
     known = weights(args.weight, arm.mechanism.tip)
     strapped = known or [[] for _ in args.log]
     with progress_steps() as watch:
-        logs: list[FilteredLog] = []
+        read: list[Log] = []
         for file in args.log:
             watch(f"reading {file}")
-            log = read_motion(file, arm, how.rate_hz, how.wrist, how.topic)
-            logs.append(filtered(log, arm, filters))
-        found = identify(logs, arm, known, args.mass_bounds, watch)
+            read.append(how.read(file, standing))
+        filters = how.filters(default_filters(arm), min(log.rate_hz for log in read))
+        logs = [filtered(log, arm, filters) for log in read]
+        found = identify(logs, arm, known, args.mass_bounds, watch, args.keep)
         overlay = found.overlay(__version__)
         scored: list[Prediction] = []
         for file, own in zip(args.log, strapped, strict=True):
@@ -165,7 +187,8 @@ def run(args: Namespace) -> int:
             scored.append(predict(file, args.arm, overlay, own, how))
         held_out = None
         if args.cross_validate:
-            held_out = cross_validate(logs[0], arm, args.mass_bounds, watch)
+            held_out = cross_validate(logs[0], arm, args.mass_bounds, watch, args.keep)
+    report_read(read)
     document = _document(found, scored, held_out, args.output)
     write_overlay(args.output, overlay, overwrite=args.overwrite)
     if args.report is not None:
@@ -199,6 +222,7 @@ def _document(
         ],
         "condition_number": base.condition,
         "identifiable": list(base.identifiable),
+        "kept_as_described": found.kept,
     }
 
 
@@ -215,6 +239,11 @@ def _text(found: Identified, scored: list[Prediction], held_out: Score | None, o
         table(["body", "mass [kg]", "sigma", "x [mm]", "y [mm]", "z [mm]"], rows),
         "",
         errors(scored, held_out),
+        *(
+            ["", *(f"kept as described: {name} ({why})" for name, why in found.kept.items())]
+            if found.kept
+            else []
+        ),
         f"\nwritten: {output}",
     ]
     return "\n".join(parts)

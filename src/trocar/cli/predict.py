@@ -8,10 +8,18 @@ See docs/dynamics.md.
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_json, add_overwrite, allow_overwrite, options
-from trocar.cli.identify import add_log, allow_log, log_settings, weight, weights
+from trocar.cli.identify import (
+    add_log,
+    allow_log,
+    log_settings,
+    report_read,
+    weight,
+    weights,
+)
 from trocar.cli.output import print_result, progress_steps, table
 
 if TYPE_CHECKING:
@@ -43,7 +51,6 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Predict and print the errors."""
-    from trocar.descriptions import load_arm
     from trocar.outputs import check_folder
     from trocar.robot.identification import predict
     from trocar.robot.identification.predict import write_report
@@ -52,15 +59,39 @@ def run(args: Namespace) -> int:
     allow_overwrite(args, "report")
     if args.report is not None:
         check_folder(args.report, args.overwrite)
-    tip = load_arm(args.arm, args.tool).mechanism.tip
-    known = [one for each in weights(args.weight, tip) for one in each]
+    how = log_settings(args)
+    found: list[Prediction] = []
     with progress_steps() as watch:
-        watch(f"predicting {args.log}")
-        found = predict(args.log, args.arm, args.dynamics, known, log_settings(args), args.samples)
+        for arm in _arms(args):
+            watch(f"predicting {args.log}")
+            tip = how.standing(arm).arm.mechanism.tip
+            known = [one for each in weights(args.weight, tip) for one in each]
+            found.append(predict(args.log, arm, args.dynamics, known, how, args.samples))
+    report_read([one.log.log for one in found])
+    document = found[0] if len(found) == 1 else found
     if args.report is not None:
-        write_report(args.report, found, [found], args.overwrite)
-    print_result(args, found, lambda: _text(found))
+        write_report(args.report, document, found, args.overwrite)
+    print_result(args, document, lambda: "\n\n".join(_text(one) for one in found))
     return 0
+
+
+def _arms(args: Namespace) -> Sequence[str | None]:
+    """Return the arms to predict: of an episode and a rig, all that both have."""
+    from trocar.descriptions import load_rig
+    from trocar.errors import InputError
+    from trocar.robot.identification.episodes import episode_arms
+    from trocar.robot.identification.logs import log_kind
+
+    if args.rig is None or args.arm is not None or log_kind(args.log) != "episode":
+        return [args.arm]
+    recorded, rig = episode_arms(args.log), load_rig(args.rig)
+    names = [arm.name for arm in rig.arms]
+    if both := [name for name in recorded if name in names]:
+        return both
+    raise InputError(
+        f"{args.log}: has joint states of {', '.join(recorded)}; allowed: one of the rig"
+        f" {rig.name}'s {', '.join(names)}"
+    )
 
 
 def _text(found: Prediction) -> str:
@@ -71,6 +102,23 @@ def _text(found: Prediction) -> str:
     ]
     return (
         f"{found.arm.name} along {found.log.log.file}, dynamics {found.dynamics}:"
-        f" {len(found.effort)} samples, cut-off {found.log.settings.cutoff_hz:g} Hz\n\n"
+        f" {len(found.effort)} {_kind(found)}{_leaning(found)}\n\n"
         f"{table(['column', 'error [%]', 'RMS [N m or N]'], rows)}"
     )
+
+
+def _kind(found: Prediction) -> str:
+    log = found.log
+    return (
+        "poses at rest"
+        if log.log.poses
+        else f"samples at {log.log.rate_hz:.4g} Hz, cut-off {log.settings.cutoff_hz:g} Hz"
+    )
+
+
+def _leaning(found: Prediction) -> str:
+    """Return the direction of gravity in the arm's base where the arm does not stand upright."""
+    down = [-value for value in found.log.log.up.tolist()]
+    if down[2] < -1.0 + 1e-9:
+        return ""
+    return f", gravity along ({', '.join(f'{value + 0.0:.3f}' for value in down)}) of its base"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,14 @@ CAD_MASSES = {
 #: solids of the masters are drawn without motors and covers, and no CAD model is published; with
 #: 0.01 m less the recording of an MTM is explained 1.5 % worse in joints 2 to 4.
 HULL_MARGINS_M = {"mtml": 0.02, "mtmr": 0.02}
+#: Arms whose masses and centres of mass in the description are a set that was fitted to gravity: of
+#: those, only sums mean something, and centres lie beside the links that they are called after. The
+#: hull of such a body reaches its centre of mass. Source: sawIntuitiveResearchKit@9e535e6
+#: share/kinematic/PSM_Si_physical.json and ECM_Si_physical.json.
+FITTED_TO_GRAVITY = ("psm_si", "ecm_si")
+#: Half edge of the cube about such a centre of mass that the hull has at least [m]. Source: our own
+#: choice, half of a link's width.
+FITTED_ROOM_M = 0.04
 #: Bounds of a mass, as ratios of the CAD estimate. Source: the roadmap's acceptance criteria.
 MASS_RATIOS = (0.3, 3.0)
 
@@ -79,6 +88,9 @@ def body_bounds(
             " both above 0"
         )
     corners = [_corners(shape) for body in own for shape in body.shapes]
+    if arm.name in FITTED_TO_GRAVITY:
+        cube = FITTED_ROOM_M * np.array(list(product((-1.0, 1.0), repeat=3)))
+        corners += [body.com + cube for body in own]
     points = np.concatenate(corners) if corners else np.empty(0)
     try:
         hull = ConvexHull(points)

@@ -14,7 +14,7 @@ from trocar.errors import InputError
 from trocar.robot.identification.drivetrains import structure
 from trocar.robot.identification.fit import Compressed, base_condition
 from trocar.robot.identification.regression import EffortModel, moving_bodies
-from trocar.robot.identification.rigid_body import JointMotion
+from trocar.robot.identification.rigid_body import UPRIGHT, JointMotion
 from trocar.robot.recordings import recorded_joints
 
 Array = NDArray[np.float64]
@@ -61,6 +61,7 @@ def excite(
     candidates: int = 100,
     seed: int = 0,
     watch: Callable[[int, int], None] = lambda _done, _all: None,
+    up: Array = UPRIGHT,
 ) -> Excitation:
     """Search a trajectory whose motions determine the base parameters well.
 
@@ -77,6 +78,7 @@ def excite(
         candidates: trajectories that are judged
         seed: of the random numbers
         watch: called with (candidates done, candidates)
+        up: direction against gravity in the arm's reference frame, (3,)
 
     Raises:
         InputError: a setting, or an arm without masses
@@ -91,7 +93,7 @@ def excite(
     model = EffortModel(arm, moving_bodies(arm, joints), structure(arm))
     rng = np.random.default_rng(seed)
     best = _random(rng, count)
-    condition, rank = _judge(model, best, period_s)
+    condition, rank = _judge(model, best, period_s, up)
     first = condition
     for number in range(1, candidates):
         watch(number, candidates)
@@ -100,7 +102,7 @@ def excite(
         else:
             step = 0.5 * (1.0 - number / candidates)
             trial = best + step * _random(rng, count)
-        value, excited = _judge(model, trial, period_s)
+        value, excited = _judge(model, trial, period_s, up)
         if (excited, -value) > (rank, -condition):
             best, condition, rank = trial, value, excited
     time = np.arange(round(repeats * period_s * rate_hz) + 1) / rate_hz
@@ -187,7 +189,7 @@ def _middle(arm: ArmDescription, series: Array, period_s: float) -> Array:
     return _series(arm, series, period, period_s)[0].mean(axis=0)
 
 
-def _judge(model: EffortModel, series: Array, period_s: float) -> tuple[float, int]:
+def _judge(model: EffortModel, series: Array, period_s: float, up: Array) -> tuple[float, int]:
     """Return the condition number and the number of base parameters that a series excites."""
     time = np.linspace(0.0, period_s, JUDGED, endpoint=False)
     parts = _series(model.arm, series, time, period_s)
@@ -198,7 +200,7 @@ def _judge(model: EffortModel, series: Array, period_s: float) -> tuple[float, i
     q, qd, qdd = (
         np.hstack([one, more]) for one, more in zip(parts, (home, still, still), strict=True)
     )
-    matrix, _ = model.regressor(JointMotion(q, qd, qdd))
+    matrix, _ = model.regressor(JointMotion(q, qd, qdd, up=up))
     inertial = matrix[:, :count, : 10 * len(model.frames)]
     # as large as the effort limits let it be
     limits = np.array([joint.effort_max for joint in model.arm.joints[:count]])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -22,10 +22,22 @@ from trocar.descriptions.overlay_records import (
     Dynamics,
     Overlay,
 )
-from trocar.errors import InputError, LogError, MissingExtraError, TrocarError
+from trocar.errors import (
+    InputError,
+    LogError,
+    MissingExtraError,
+    TrocarError,
+    UnknownNameError,
+)
 from trocar.robot.identification.bounds import MASS_RATIOS, BodyBounds, all_bounds
-from trocar.robot.identification.drivetrains import labels, structure, weights, with_coefficients
-from trocar.robot.identification.logs import FilteredLog, constant_joints
+from trocar.robot.identification.drivetrains import (
+    described_trains,
+    labels,
+    structure,
+    weights,
+    with_coefficients,
+)
+from trocar.robot.identification.logs import FilteredLog
 from trocar.robot.identification.regression import (
     EffortModel,
     Weight,
@@ -168,6 +180,7 @@ class Identified:
         dynamics: the same as bodies and drivetrains
         base: what the logs determine
         logs: files
+        kept: {joint: why its numbers are the description's}
     """
 
     model: EffortModel
@@ -178,6 +191,7 @@ class Identified:
     dynamics: Dynamics
     base: BaseParameters
     logs: tuple[str, ...]
+    kept: Mapping[str, str] = field(default_factory=dict[str, str])
 
     def overlay(self, version: str) -> Overlay:
         """Return the overlay of this robot, with its provenance."""
@@ -194,9 +208,114 @@ class Identified:
             "condition_number": self.base.condition,
             "identifiable": list(self.base.identifiable),
         }
+        if self.kept:
+            measured["kept_as_described"] = list(self.kept)
         return Overlay(
             self.model.arm.name, source=source, measured=measured, dynamics=self.dynamics
         )
+
+
+@dataclass(frozen=True, eq=False)
+class FitProblem:
+    """What logs are to identify.
+
+    Attributes:
+        model: the parameters
+        parts: regressor (k, n, p) and efforts (k, n) of each log, filtered; 0 in columns that say
+            nothing: without recorded efforts, or whose joint or motor stands still
+        kept: {joint: why its drivetrains stay as described}
+        trains: the drivetrains of these
+    """
+
+    model: EffortModel
+    parts: list[tuple[Array, Array]]
+    kept: Mapping[str, str]
+    trains: Mapping[str, Drivetrain]
+
+
+def fit_problem(
+    logs: Sequence[FilteredLog],
+    arm: ArmDescription,
+    known: Sequence[Sequence[Weight]] = (),
+    keep: Sequence[str] = (),
+    watch: Callable[[str], None] = lambda _: None,
+) -> FitProblem:
+    """Return what logs can identify of an arm, and the rows of the regression.
+
+    Args:
+        logs: filtered alike, of the same joints
+        arm: the nominal arm, with the tool that was mounted
+        known: weights strapped to the arm in each log; none when omitted
+        keep: joints to leave as described
+        watch: called with the name of each step
+
+    Raises:
+        LogError: nothing to identify
+        UnknownNameError: no such joint
+        InputError: an arm without masses, or weights of other logs
+    """
+    _check_alike(logs)
+    strapped = list(known) or [[]] * len(logs)
+    if len(strapped) != len(logs):
+        raise InputError(f"weights: got {len(strapped)} for {len(logs)} logs; allowed: one per log")
+    names = arm.mechanism.joint_names[: logs[0].log.q.shape[1]]
+    for name in keep:
+        if name not in names:
+            raise UnknownNameError("joint", name, names, arm.name)
+    columns = logs[0].log.columns
+    reasons = [_unused(log, arm, keep) for log in logs]
+    used = [[name not in reason for name in columns] for reason in reasons]
+    if not np.any(used):
+        why = "; ".join(f"{name} {text}" for name, text in reasons[0].items())
+        raise LogError(
+            ", ".join(log.log.file for log in logs),
+            f"says nothing of the arm ({why}); allowed: a joint that moves with recorded efforts",
+        )
+    kept: dict[str, str] = {}
+    for k, joint in enumerate(names):
+        why = [
+            reason.get(columns[k], "did not move" if joint in log.log.still_joints(arm) else "")
+            for log, reason in zip(logs, reasons, strict=True)
+        ]
+        if all(why):
+            kept[joint] = why[0]
+    free = [name for name in names if name not in kept]
+    still_poses = all(log.log.poses for log in logs)
+    trains = {
+        name: train
+        for name, train in structure(arm, [log.motion.q for log in logs]).items()
+        if not still_poses and any(train.along.get(joint) for joint in free)
+    }
+    covered = {joint for train in trains.values() for joint in train.along}
+    described = {
+        name: train
+        for name, train in described_trains(arm).items()
+        if name not in trains and not covered & set(train.along)
+    }
+    model = EffortModel(arm, moving_bodies(arm, names), trains)
+    parts: list[tuple[Array, Array]] = []
+    for log, load, which in zip(logs, strapped, used, strict=True):
+        watch(f"regressor of {log.log.file}")
+        matrix, rest = filtered_regressor(replace(model, arm=loaded(arm, load)), log)
+        target = log.cut(log.effort) - rest
+        if log.log.simulated:
+            stuck = _stuck(model, log)
+            matrix[stuck], target[stuck] = 0.0, 0.0
+        matrix[:, ~np.array(which)], target[:, ~np.array(which)] = 0.0, 0.0
+        parts.append((matrix, target))
+    return FitProblem(model, parts, kept, described)
+
+
+def _unused(log: FilteredLog, arm: ArmDescription, keep: Sequence[str]) -> dict[str, str]:
+    """Return the columns that say nothing, and why."""
+    one = log.log
+    silent = dict.fromkeys(one.silent, "has no recorded efforts")
+    still = {} if one.poses else dict.fromkeys(one.still(arm), "did not move")
+    names = zip(arm.mechanism.joint_names, one.columns, strict=False)
+    asked = {column: "is to stay as described" for joint, column in names if joint in keep}
+    found = {name: [why[name] for why in (still, silent, asked) if name in why]
+             for name in one.columns}  # fmt: skip
+    return {name: " and ".join(why) for name, why in found.items() if why}
 
 
 def identify(
@@ -205,12 +324,15 @@ def identify(
     known: Sequence[Sequence[Weight]] = (),
     mass_ratios: tuple[float, float] = MASS_RATIOS,
     watch: Callable[[str], None] = lambda _: None,
+    keep: Sequence[str] = (),
 ) -> Identified:
     """Identify an arm's bodies and drivetrains from logs together.
 
     Minimises the squared errors of the efforts, relative to each column's RMS over all logs, with
     every body's pseudo-inertia positive semidefinite, its centre of mass in its hull, its mass and
-    second moments within their bounds, and friction that dissipates.
+    second moments within their bounds, and friction that dissipates. A column without recorded
+    efforts, or that stands still, leaves the fit; drivetrains of joints that nothing is known of
+    stay as described, and poses at rest identify bodies alone.
 
     Args:
         logs: filtered alike, of the same joints
@@ -218,47 +340,20 @@ def identify(
         known: weights strapped to the arm in each log; none when omitted
         mass_ratios: bounds of the masses, as ratios of the CAD estimates
         watch: called with the name of each step
+        keep: joints to leave as described
 
     Raises:
-        LogError: a joint does not move, or the logs do not excite the arm: the parameters that they
-            do not determine
+        LogError: no joint moves with recorded efforts, or the logs do not excite the arm: the
+            parameters that they do not determine
+        UnknownNameError: no such joint
         InputError: an arm without masses, or bounds that exclude each other
         MissingExtraError: clarabel is not installed
     """
-    _check_alike(logs)
-    strapped = list(known) or [[]] * len(logs)
-    if len(strapped) != len(logs):
-        raise InputError(f"weights: got {len(strapped)} for {len(logs)} logs; allowed: one per log")
-    for log in logs:
-        if still := constant_joints(log.log, arm):
-            raise LogError(
-                log.log.file,
-                f"{', '.join(still)} did not move; allowed: every joint moves (parameters of"
-                f" {', '.join(still)} cannot be identified)",
-            )
-        size = np.abs(log.log.effort @ log.log.joint_from_column).max(axis=0)
-        if idle := [name for name, most in zip(log.log.columns, size, strict=True) if not most]:
-            raise LogError(
-                log.log.file,
-                f"efforts of {', '.join(idle)} are zero throughout; allowed: recorded efforts",
-            )
-    names = arm.mechanism.joint_names[: logs[0].log.q.shape[1]]
-    model = EffortModel(
-        arm, moving_bodies(arm, names), structure(arm, [log.motion.q for log in logs])
-    )
-    bounds = all_bounds(arm, model.frames, mass_ratios)
-    parts: list[tuple[Array, Array]] = []
-    for log, load in zip(logs, strapped, strict=True):
-        watch(f"regressor of {log.log.file}")
-        matrix, rest = filtered_regressor(replace(model, arm=loaded(arm, load)), log)
-        target = log.cut(log.effort) - rest
-        if log.log.simulated:
-            stuck = _stuck(model, log)
-            matrix[stuck], target[stuck] = 0.0, 0.0
-        parts.append((matrix, target))
-    found = reweighted(model, bounds, parts, logs, watch)
-    error = np.concatenate([t - m @ found.parameters for m, t in parts])
-    left = np.linalg.norm(error, axis=0) / effort_scale(logs)
+    problem = fit_problem(logs, arm, known, keep, watch)
+    bounds = all_bounds(arm, problem.model.frames, mass_ratios)
+    found = reweighted(problem.model, bounds, problem.parts, logs, watch)
+    error = np.concatenate([t - m @ found.parameters for m, t in problem.parts])
+    left = np.linalg.norm(error, axis=0) / effort_scale(problem.parts, logs)
     for name, ratio in zip(logs[0].log.columns, left, strict=True):
         if ratio > UNEXPLAINED:
             raise LogError(
@@ -266,7 +361,7 @@ def identify(
                 f"efforts: {name}: no arm of this kind explains {ratio:.0%} of them; allowed:"
                 f" {UNEXPLAINED:.0%} (are columns swapped, or is a unit or a sign wrong?)",
             )
-    if weak := _undetermined(found, names):
+    if weak := _undetermined(found, logs, problem):
         joint, (ratio, parameters) = next(iter(weak.items()))
         raise LogError(
             ", ".join(found.logs),
@@ -274,9 +369,11 @@ def identify(
             f" {ratio:.0%} of the effort of {joint}"
             + (f", and too much of {', '.join(list(weak)[1:])}" if len(weak) > 1 else "")
             + f"; allowed: {EXCITED:.0%} (of {joint}, {', '.join(parameters)} cannot be identified;"
-            " move faster, farther or longer, e.g. along a trajectory of `trocar excite`)",
+            " move faster, farther or longer, e.g. along a trajectory of `trocar excite`, or keep"
+            f" {', '.join(weak)} as described)",
         )
-    return found
+    trains = {**found.dynamics.drivetrains, **problem.trains}
+    return replace(found, dynamics=replace(found.dynamics, drivetrains=trains), kept=problem.kept)
 
 
 def _stuck(model: EffortModel, log: FilteredLog) -> NDArray[np.bool_]:
@@ -298,14 +395,17 @@ def _stuck(model: EffortModel, log: FilteredLog) -> NDArray[np.bool_]:
 
 
 def _undetermined(
-    found: Identified, joints: Sequence[str]
+    found: Identified, logs: Sequence[FilteredLog], problem: FitProblem
 ) -> dict[str, tuple[float, tuple[str, ...]]]:
     """Return joints whose efforts are not determined: {joint: (sigma / effort, parameters)}.
 
-    At random positions in the limits, with random velocities and accelerations. The parameters are
-    those whose own standard deviations make the largest differences.
+    At random positions in the limits, with random velocities and accelerations, but for joints that
+    are kept as described, which rest where the first log has them, and for poses, which rest. The
+    parameters are those whose own standard deviations make the largest differences.
     """
-    arm, count = found.model.arm, len(joints)
+    arm, log = found.model.arm, logs[0]
+    count = log.log.q.shape[1]
+    joints = arm.mechanism.joint_names[:count]
     lower, upper = arm.mechanism.lower[:count], arm.mechanism.upper[:count]
     limits = [(0.5 * (upper - lower)).tolist()]
     limits += [[BRISK * joint.velocity_max for joint in arm.joints[:count]]]
@@ -315,10 +415,17 @@ def _undetermined(
     parts[:, :, :count] = np.array(limits)[:, None] * rng.uniform(-1.0, 1.0, (3, MOTIONS, count))
     parts[0, :, :count] += 0.5 * (lower + upper)
     parts[0, :, count:] = arm.poses["home"][count:]
-    matrix, rest = found.model.regressor(JointMotion(*parts))
+    for k, joint in enumerate(joints):
+        if joint in problem.kept:
+            parts[0, :, k], parts[1:, :, k] = log.motion.q[:, k].mean(), 0.0
+    if all(one.log.poses for one in logs):
+        parts[1:] = 0.0
+    matrix, rest = found.model.regressor(JointMotion(*parts, up=log.log.up))
     efforts = np.sqrt(np.mean((matrix @ found.parameters + rest)[:, :count] ** 2, axis=0))
     weak: dict[str, tuple[float, tuple[str, ...]]] = {}
     for k, joint in enumerate(joints):
+        if joint in problem.kept:
+            continue
         rows = matrix[:, k]
         variances = cast("Array", np.sum(rows @ found.covariance * rows, axis=1))
         ratio = float(np.sqrt(np.mean(variances)) / efforts[k])
@@ -329,10 +436,19 @@ def _undetermined(
     return weak
 
 
-def effort_scale(logs: Sequence[FilteredLog]) -> Array:
-    """Return the length of each column's efforts over all logs, (n,)."""
-    efforts = np.concatenate([log.cut(log.effort) for log in logs])
-    return np.linalg.norm(efforts, axis=0)
+def effort_scale(parts: Sequence[tuple[Array, Array]], logs: Sequence[FilteredLog]) -> Array:
+    """Return the length of each column's efforts over the logs that have some, (n,); 1 without."""
+    efforts = np.concatenate(
+        [log.cut(log.effort) * _filled(part) for part, log in zip(parts, logs, strict=True)]
+    )
+    size = np.linalg.norm(efforts, axis=0)
+    return np.where(size > 0.0, size, 1.0)
+
+
+def _filled(part: tuple[Array, Array]) -> NDArray[np.bool_]:
+    """Return the columns of a regression that have rows, (n,)."""
+    matrix, target = part
+    return matrix.any(axis=(0, 2)) | target.any(axis=0)
 
 
 def reweighted(
@@ -353,7 +469,7 @@ def reweighted(
         logs: where these are from
         watch: called with the name of each fit
     """
-    size = effort_scale(logs)
+    size = effort_scale(parts, logs)
 
     def fit(scale: Array) -> Identified:
         rows = [compressed_rows(m, t, log, scale) for (m, t), log in zip(parts, logs, strict=True)]
@@ -376,10 +492,13 @@ def compressed_rows(
     scale: Array,
 ) -> Compressed:
     """Return rows, (k, n, p) and (k, n), as a triangle."""
-    weighted = matrix / scale[:, None]
-    ratio = min(1.0, 2.0 * log.settings.cutoff_hz / log.log.rate_hz)
+    filled = _filled((matrix, target))
+    weighted = matrix[:, filled] / scale[filled, None]
+    ratio = 1.0 if log.log.poses else min(1.0, 2.0 * log.settings.cutoff_hz / log.log.rate_hz)
     return Compressed.of(
-        weighted.reshape(-1, matrix.shape[-1]), (target / scale).reshape(-1), ratio
+        weighted.reshape(-1, matrix.shape[-1]),
+        (target[:, filled] / scale[filled]).reshape(-1),
+        ratio,
     )
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, cast
 
@@ -12,19 +13,15 @@ from scipy.signal import butter, sosfiltfilt  # pyright: ignore[reportMissingTyp
 
 from trocar.descriptions import ArmDescription
 from trocar.descriptions.overlay_records import FilterSettings
-from trocar.errors import InputError, LogError
-from trocar.recording import is_recording, open_recording
-from trocar.recording.bags import is_bag
-from trocar.robot.identification.rigid_body import JointMotion
-from trocar.robot.logs import (
-    MOTOR_SIDE,
-    Wrist,
-    actuators_of_recording,
-    check_rows,
-    read_bag,
-    read_log,
-    recorded_joints,
-)
+from trocar.errors import InputError, LogError, TrocarError
+from trocar.recording import Recorded, is_recording, open_recording
+from trocar.robot.identification.episodes import episode_rows, is_episode
+from trocar.robot.identification.rigid_body import UPRIGHT, JointMotion
+from trocar.robot.recordings import ReadSettings, read_arm_motion, recorded_joints
+from trocar.robot.recordings.arm_motion import ArmMotion, check_rows, derivative
+from trocar.robot.recordings.motor_side import MOTOR_SIDE, actuators_of_recording
+from trocar.robot.recordings.read import recording_kind
+from trocar.robot.standing import standing_arm
 
 Array = NDArray[np.float64]
 
@@ -33,14 +30,29 @@ SHORTEST_S = 3.0
 #: Time cut at both ends, where filters settle [s]. Source:
 #: dvrk_dynamics_identification, 200 samples at 200 Hz.
 CUT_S = 1.0
-#: Largest relative variation of time steps in a time column. Source: our own choice.
-EVEN = 0.5
+#: Highest rate to which motions with times are resampled, and rate above which they are [Hz].
+#: Source: the published logs have 200 Hz; ten times the cut-off of the filters.
+USUAL_HZ, FAST_HZ = 200.0, 250.0
+#: Longest gap that is filled in, in usual steps; longer ones end a piece. Source: our own choice,
+#: 25 ms at 200 Hz, within which the filters leave nothing.
+LOST_STEPS = 5.0
 #: Slope of velocities against the derivative of positions. Source: our own choice; recorded
 #: velocities are up to 17 % too large, a wrong unit is a factor of 57 or 1000.
 SLOPES = (0.5, 2.0)
 #: Least correlation of velocities with the derivative of positions. Source: our own choice;
 #: recorded ones correlate by 0.8 or more, swapped columns by chance.
 CORRELATION = 0.6
+#: Motion below which a joint stands still, as a ratio of its range. Source: our own choice.
+STILL = 1e-3
+#: Cut-off of filters, and of what velocities are compared by, as a ratio of the rate of a log that
+#: is too slow for the usual cut-off. Source: our own choice, 2 Hz for a log of 10 Hz.
+SLOW_CUTOFF = 0.2
+#: Columns of a file of poses at rest: positions and efforts of an arm's first three joints. Source:
+#: dvrk_python@a1b337b scripts/dvrk_ecm_psm_gc_collect.py.
+POSE_JOINTS = 3
+#: Least number of poses at rest. Source: our own choice; three joints have twelve combinations of
+#: masses in their weight at most, three numbers a pose.
+FEWEST_POSES = 6
 #: Largest ratio of samples at the effort limit, and at the largest effort in the log, which a lower
 #: limit of one's own may set. Source: our own choice.
 SATURATED = 0.02
@@ -57,6 +69,10 @@ class Log:
         columns: names of the efforts as they are compared: joints, or motors where the log has them
         joint_from_column: q = joint_from_column @ column positions, (n, n)
         simulated: whether velocities have no noise, so that their signs are those of the motion
+        up: direction against gravity in the arm's reference frame, (3,)
+        poses: whether samples are poses at rest, which no time connects
+        starts: samples at which an uninterrupted piece begins; each is filtered by itself
+        understood: what was read and used, in words
     """
 
     file: str
@@ -67,6 +83,34 @@ class Log:
     columns: tuple[str, ...]
     joint_from_column: Array
     simulated: bool = False
+    up: Array = field(default_factory=lambda: UPRIGHT)
+    poses: bool = False
+    starts: tuple[int, ...] = (0,)
+    understood: str = ""
+
+    def by_piece(self, values: Array, change: Callable[[Array], Array]) -> Array:
+        """Return samples, (k, ...), of which each piece is changed by itself."""
+        return np.concatenate([change(one) for one in np.split(values, self.starts[1:])])
+
+    @property
+    def silent(self) -> tuple[str, ...]:
+        """Columns without recorded efforts: zero throughout."""
+        size = np.abs(self.effort @ self.joint_from_column).max(axis=0)
+        return tuple(name for name, most in zip(self.columns, size, strict=True) if not most)
+
+    def still(self, arm: ArmDescription) -> tuple[str, ...]:
+        """Return the columns that do not move."""
+        return self._still(arm, np.linalg.inv(self.joint_from_column), self.columns)
+
+    def still_joints(self, arm: ArmDescription) -> tuple[str, ...]:
+        """Return the joints that do not move."""
+        names = arm.mechanism.joint_names[: self.q.shape[1]]
+        return self._still(arm, np.eye(len(names)), names)
+
+    def _still(self, arm: ArmDescription, matrix: Array, names: tuple[str, ...]) -> tuple[str, ...]:
+        span = (arm.mechanism.upper - arm.mechanism.lower)[: self.q.shape[1]]
+        still = np.ptp(self.q @ matrix.T, axis=0) < STILL * (np.abs(matrix) @ span)
+        return tuple(name for name, one in zip(names, still, strict=True) if one)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,12 +131,19 @@ class FilteredLog:
 
     def smooth(self, values: Array) -> Array:
         """Return predictions, (k, ...), filtered as the efforts are, with the ends cut."""
-        return self.cut(low_pass(values, self.settings.cutoff_hz, self.log.rate_hz, self.settings))
+        if self.log.poses:
+            return values
+        cutoff_hz, rate_hz = self.settings.cutoff_hz, self.log.rate_hz
+        return self.cut(
+            self.log.by_piece(values, lambda v: low_pass(v, cutoff_hz, rate_hz, self.settings))
+        )
 
     def cut(self, values: Array) -> Array:
-        """Return samples, (k, ...), without those at both ends."""
+        """Return samples, (k, ...), without those at both ends of a piece; all poses at rest."""
+        if self.log.poses:
+            return values
         ends = round(CUT_S * self.log.rate_hz)
-        return values[ends:-ends]
+        return self.log.by_piece(values, lambda v: v[ends:-ends])
 
 
 def default_filters(arm: ArmDescription) -> FilterSettings:
@@ -109,53 +160,78 @@ def default_filters(arm: ArmDescription) -> FilterSettings:
     return FilterSettings(cutoff_hz=16.96, acceleration_cutoff_hz=second)
 
 
-def log_kind(path: str | Path) -> Literal["recording", "bag", "table", "rows"]:
-    """Determine the kind of a log: a recording, a bag, or CSV with or without a header."""
-    if is_recording(path):
-        return "recording"
-    if is_bag(path):
-        return "bag"
-    return "rows" if _header(path) is None else "table"
+def slowed(settings: FilterSettings, rate_hz: float) -> FilterSettings:
+    """Return filters with cut-offs that a log of a low rate has room for."""
+    most = SLOW_CUTOFF * rate_hz
+    highest = max(settings.cutoff_hz, *settings.acceleration_cutoff_hz.values(), 0.0)
+    if highest < 0.5 * rate_hz:
+        return settings
+    second = {name: min(most, value) for name, value in settings.acceleration_cutoff_hz.items()}
+    return replace(settings, cutoff_hz=min(most, settings.cutoff_hz), acceleration_cutoff_hz=second)
+
+
+def log_kind(
+    path: str | Path,
+) -> Literal["recording", "bag", "episode", "table", "poses", "rows"]:
+    """Determine the kind of a log.
+
+    Returns:
+        a recording, a bag, an episode of a public dataset, or CSV: a table with a header, poses at
+        rest, or rows of numbers
+    """
+    if not is_recording(path) and is_episode(path):
+        return "episode"
+    kind = recording_kind(path)
+    return "poses" if kind == "rows" and _has_poses(path) else kind
 
 
 def read_motion(
     path: str | Path,
     arm: ArmDescription,
-    rate_hz: float = 200.0,
-    wrist: Wrist = "motor",
-    topic: str | None = None,
+    reading: ReadSettings | None = None,
+    *,
+    up: Array | None = None,
+    name: str = "",
 ) -> Log:
     """Read a log of one arm.
 
     Args:
-        path: CSV without a header as `trocar replay` reads it; CSV with the header time,
-            JOINT_position, JOINT_velocity, JOINT_effort (SI units, public joints); a bag; or a
-            recording of trocar's own
+        path: as for `read_arm_motion`; CSV of poses at rest: positions and efforts of the first
+            three joints, as dvrk_python's script for gravity compensation writes it; a recording of
+            trocar's own; or an episode of SurgSync or Open-H. A joint of the wrist or a jaw that a
+            table lacks rests without efforts
         arm: the recorded arm, with the tool that was mounted
-        rate_hz: of a CSV without a header, and of the samples taken from a bag [Hz]
-        wrist: of a CSV without a header: on which side of the coupling coupled joints were recorded
-        topic: of a bag's joint states
+        reading: how to read it; a motion with times is read at its own rate, at 200 Hz where that
+            is above 250 Hz, or at `rate_hz`
+        up: direction against gravity in the arm's reference frame, (3,); None: as a recording of
+            trocar's own has it, upright of other logs
+        name: of the arm, in a recording or an episode of several
 
     Raises:
         LogError: no log of this arm, too short, or columns that cannot be what they are called
         InputError: the rate
     """
-    if not rate_hz > 0.0:
-        raise InputError(f"rate: got {rate_hz:g} Hz; allowed: more than 0")
-    file, joints = str(path), recorded_joints(arm)
-    columns, matrix = joints, np.eye(len(joints))
+    how = reading or ReadSettings()
+    file, joints, stands = str(path), recorded_joints(arm), UPRIGHT if up is None else up
     kind = log_kind(path)
+    if how.columns and kind in ("episode", "poses"):
+        kind = "table"
+    columns, matrix, starts, understood = joints, np.eye(len(joints)), (0,), ""
+    if kind == "poses":
+        rows = _pose_rows(path, arm)
+        check_rows(file, 1, rows, arm)
+        return Log(file, 0.0, *_parts(rows), columns, matrix, up=stands, poses=True)
     if kind == "recording":
-        rows, rate_hz = _own_rows(file, arm)
-    elif kind == "bag":
-        rows, has_efforts = read_bag(path, arm, rate_hz, topic)
-        if not has_efforts:
-            raise LogError(file, "contains no efforts; allowed: joint states with efforts")
-    elif kind == "table" and (header := _header(path)) is not None:
-        rows, rate_hz = _tidy_rows(path, header, joints)
+        rows, rate_hz, recorded_up = _own_rows(file, arm, name or how.of or "")
+        stands = recorded_up if up is None else up
+    elif kind == "episode":
+        rows, rate_hz = episode_rows(path, arm, name or how.of or "")
     else:
-        rows = np.concatenate(list(read_log(path, arm, wrist)) or [np.zeros((0, 3, len(joints)))])
-        if wrist == "motor" and arm.type in MOTOR_SIDE:
+        motion = read_arm_motion(path, arm, how, partial=True)
+        if not motion.has_efforts:
+            raise LogError(file, "contains no efforts; allowed: recorded efforts")
+        rows, rate_hz, starts, understood = _even_rows(motion, how.rate_hz)
+        if kind == "rows" and not how.columns and how.wrist == "motor" and arm.type in MOTOR_SIDE:
             which, coupling = actuators_of_recording(arm)
             matrix[np.ix_(which, which)] = coupling.actuator_to_joint
             columns = tuple(
@@ -166,10 +242,45 @@ def read_motion(
         raise LogError(
             file, f"lasts {len(rows) / rate_hz:.3g} s; allowed: {SHORTEST_S:g} s or more"
         )
-    q, qd, effort = (np.ascontiguousarray(rows[:, k]) for k in range(3))
-    log = Log(file, rate_hz, q, qd, effort, columns, matrix, kind == "recording")
+    log = Log(
+        file, rate_hz, *_parts(rows), columns, matrix, kind == "recording", stands,
+        starts=starts, understood=understood,
+    )  # fmt: skip
     _check_columns(log, arm)
     return log
+
+
+def _parts(rows: Array) -> tuple[Array, Array, Array]:
+    """Return the positions, velocities and efforts of rows (k, 3, n)."""
+    q, qd, effort = (np.ascontiguousarray(rows[:, k]) for k in range(3))
+    return q, qd, effort
+
+
+def _even_rows(
+    motion: ArmMotion, rate_hz: float | None
+) -> tuple[Array, float, tuple[int, ...], str]:
+    """Return a motion's pieces at even times.
+
+    Returns:
+        rows (k, 3, n), their rate [Hz], the rows at which a piece begins, and what was used
+    """
+    own = motion.rate_hz
+    rate = own
+    if motion.timed:
+        rate = rate_hz or (USUAL_HZ if own > FAST_HZ else own)
+    cut = [one for piece in motion.pieces() for one in piece.cut_at(LOST_STEPS / own).pieces()]
+    even = [one.at_rate(rate).rows for one in cut if len(one.times) > 1]
+    long = [rows for rows in even if len(rows) >= SHORTEST_S * rate]
+    used = long or even[:1]  # its length is refused
+    starts = np.cumsum([0, *(len(rows) for rows in used[:-1])]).tolist()
+    total = sum(float(piece.times[-1] - piece.times[0]) for piece in motion.pieces())
+    words = motion.understood()
+    if len(cut) > 1:
+        words += (
+            f"; used {sum(map(len, used)) / rate:.1f} of {total:.1f} s in {len(used)} of"
+            f" {len(cut)} pieces, of {SHORTEST_S:g} s or more each"
+        )
+    return np.concatenate(used), rate, tuple(starts), words
 
 
 def filtered(log: Log, arm: ArmDescription, settings: FilterSettings) -> FilteredLog:
@@ -181,6 +292,11 @@ def filtered(log: Log, arm: ArmDescription, settings: FilterSettings) -> Filtere
     Raises:
         InputError: a cut-off at or above half of the log's rate
     """
+    if log.poses:
+        resting = np.tile(arm.poses["home"][log.q.shape[1] :], (len(log.q), 1))
+        q = np.hstack([log.q, resting])
+        motion = JointMotion(q, 0.0 * q, 0.0 * q, up=log.up)
+        return FilteredLog(log, settings, motion, log.effort @ log.joint_from_column)
     for cutoff in (settings.cutoff_hz, *settings.acceleration_cutoff_hz.values()):
         if not cutoff < 0.5 * log.rate_hz:
             raise InputError(
@@ -188,19 +304,22 @@ def filtered(log: Log, arm: ArmDescription, settings: FilterSettings) -> Filtere
                 f" {log.rate_hz:g} Hz"
             )
 
-    def smooth(values: Array) -> Array:
-        return low_pass(values, settings.cutoff_hz, log.rate_hz, settings)
+    def smooth(values: Array, cutoff_hz: float = settings.cutoff_hz) -> Array:
+        return log.by_piece(values, lambda v: low_pass(v, cutoff_hz, log.rate_hz, settings))
+
+    def differentiated(values: Array) -> Array:
+        return log.by_piece(values, lambda v: derivative(v, log.rate_hz))
 
     names = arm.mechanism.joint_names[: log.q.shape[1]]
     q, qd = smooth(log.q), smooth(log.qd)
-    qdd = smooth(derivative(log.qd, log.rate_hz))
+    qdd = smooth(differentiated(log.qd))
     for joint in settings.differentiated:
         k = names.index(joint)
-        qd[:, k] = derivative(q[:, k], log.rate_hz)
-        qdd[:, k] = derivative(qd[:, k], log.rate_hz)
+        qd[:, k] = differentiated(q[:, k])
+        qdd[:, k] = differentiated(qd[:, k])
     for joint, cutoff in settings.acceleration_cutoff_hz.items():
         k = names.index(joint)
-        qdd[:, k] = low_pass(qdd[:, k], cutoff, log.rate_hz, settings)
+        qdd[:, k] = smooth(qdd[:, k], cutoff)
     resting = len(arm.joints) - len(names)
     rest = np.tile(arm.poses["home"][len(names) :] if resting else np.zeros(0), (len(q), 1))
     still = np.zeros((len(q), resting))
@@ -210,6 +329,7 @@ def filtered(log: Log, arm: ArmDescription, settings: FilterSettings) -> Filtere
         np.hstack([qdd, still]),
         np.hstack([log.q, rest]),
         np.hstack([log.qd, still]) if log.simulated else None,
+        log.up,
     )
     return FilteredLog(log, settings, motion, smooth(log.effort @ log.joint_from_column))
 
@@ -220,111 +340,80 @@ def low_pass(values: Array, cutoff_hz: float, rate_hz: float, settings: FilterSe
     return sosfiltfilt(sections, values, axis=0)
 
 
-def derivative(values: Array, rate_hz: float) -> Array:
-    """Return central differences of five points along the first axis, of two at the ends."""
-    found = np.gradient(values, 1.0 / rate_hz, axis=0)
-    ahead, further = values[3:-1] - values[1:-3], values[4:] - values[:-4]
-    found[2:-2] = (8.0 * ahead - further) * (rate_hz / 12.0)
-    return found
-
-
-def constant_joints(log: Log, arm: ArmDescription) -> tuple[str, ...]:
-    """Return the joints that do not move: by less than a thousandth of their range."""
-    count = log.q.shape[1]
-    span = (arm.mechanism.upper - arm.mechanism.lower)[:count]
-    still = np.ptp(log.q, axis=0) < 1e-3 * span
-    return tuple(name for name, s in zip(arm.mechanism.joint_names, still, strict=False) if s)
-
-
-def _own_rows(file: str, arm: ArmDescription) -> tuple[Array, float]:
-    """Return the rows of a recording of trocar's own, (k, 3, n), and their rate [Hz].
+def _own_rows(file: str, arm: ArmDescription, name: str) -> tuple[Array, float, Array]:
+    """Return the rows of a recording of trocar's own, (k, 3, n), their rate [Hz], and `up`, (3,).
 
     An effort acts during the step that ends at its row: efforts are means of the steps before and
     after. Half a step of delay would take inertia times jerk for 9 % of a yaw's viscous friction.
     """
     recorded = open_recording(file)
     joints = recorded_joints(arm)
-    known = [recorded.columns(name) for name in recorded.arms]
+    known = [recorded.columns(one) for one in recorded.arms if name in ("", one)]
     fitting = [c for c in known if c is not None and set(joints) <= set(c.joints)]
     if len(fitting) != 1:
         raise LogError(
             file,
             f"contains {len(fitting)} arms with the joints of {arm.name}"
-            f" ({', '.join(recorded.arms)}); allowed: one",
+            f" ({', '.join(recorded.arms)}); allowed: one"
+            " (of several, name a rig and the arm)",
         )
     every = max(1, round(0.005 / recorded.timestep))
     states = recorded.states(fitting[0])
     order = [list(fitting[0].joints).index(name) for name in joints]
     effort = 0.5 * (states.effort + np.concatenate([states.effort[1:], states.effort[-1:]]))
     rows = np.stack([states.position, states.velocity, effort], axis=1)
-    return rows[::every, :, order], 1.0 / (every * recorded.timestep)
+    rate_hz = 1.0 / (every * recorded.timestep)
+    return rows[::every, :, order], rate_hz, _recorded_up(recorded, fitting[0].name)
 
 
-def _header(path: str | Path) -> list[str] | None:
-    """Return the names in a CSV file's first row, None if it has numbers."""
+def _recorded_up(recorded: Recorded, name: str) -> Array:
+    """Return the direction against gravity of a recorded arm, as its rig has it, (3,).
+
+    A rig that was built in Python is not in the recording: its arms are taken to stand upright.
+    """
+    source = recorded.about["rig_source"]
+    try:
+        return standing_arm(name, rig=source).up if source else UPRIGHT
+    except TrocarError as problem:
+        raise LogError(
+            recorded.file,
+            f"its rig cannot be read, which says how {name} stands ({problem}); allowed: name the"
+            " rig, or the rotation of the base",
+        ) from problem
+
+
+def _has_poses(path: str | Path) -> bool:
+    """Return whether a CSV file's first row has as many numbers as a pose at rest."""
     where = Path(path).expanduser()
     if not where.is_file():
-        return None
+        return False
     with where.open("rb") as stream:
-        head = stream.read(1 << 14)
-    if head.startswith(b"\x1f\x8b"):
-        return None
-    first = head.splitlines()[0].decode("utf-8-sig", "replace") if head else ""
-    names = [name.strip() for name in first.split(",")]
-    return names if any(name == "time" or name.endswith("_position") for name in names) else None
+        return stream.readline(1 << 14).count(b",") == 2 * POSE_JOINTS - 1
 
 
-def _tidy_rows(path: str | Path, header: list[str], joints: tuple[str, ...]) -> tuple[Array, float]:
-    """Return the rows of a CSV file with a header, (k, 3, n), and their rate [Hz]."""
-    file = str(path)
-    needed = ["time", *(f"{j}_{what}" for what in ("position", "effort") for j in joints)]
-    lacking = [name for name in needed if name not in header]
-    if lacking:
-        raise LogError(
-            file,
-            f"lacks columns {', '.join(lacking)}; allowed: time, JOINT_position, JOINT_velocity"
-            f" (optional) and JOINT_effort of {', '.join(joints)}",
-            1,
-        )
-    rows: list[list[float]] = []
+def _pose_rows(path: str | Path, arm: ArmDescription) -> Array:
+    """Return poses at rest, (k, 3, n): the other joints at 0, as the script has them."""
+    file, joints = str(path), recorded_joints(arm)
+    found: list[list[float]] = []
     with Path(path).expanduser().open(encoding="utf-8-sig", errors="replace") as stream:
-        next(stream)
-        for number, line in enumerate(stream, 2):
+        for number, line in enumerate(stream, 1):
+            if not line.strip():
+                continue
             fields = line.strip().split(",")
             try:
                 values = [float(field) for field in fields]
             except ValueError:
                 values = []
-            if len(values) != len(header) or not np.isfinite(values).all():
-                raise LogError(file, f"got {','.join(fields)[:60]!r}; allowed: finite numbers in"
-                    f" {len(header)} columns", number)  # fmt: skip
-            rows.append(values)
-    if len(rows) < 2:
-        raise LogError(file, f"got {len(rows)} samples; allowed: 2 or more")
-    table = np.array(rows)
-    time = table[:, header.index("time")]
-    steps = np.diff(time)
-    usual = float(np.median(steps))
-    bad = np.flatnonzero(~(np.abs(steps - usual) <= EVEN * usual))
-    if not usual > 0.0 or len(bad):
-        at = int(bad[0]) if len(bad) else 0
-        raise LogError(
-            file,
-            f"time: a step of {steps[at]:.4g} s where the usual one is {usual:.4g} s; allowed: even"
-            f" steps, within {EVEN:.0%}",
-            at + 3,
-        )
-    even = cast("Array", np.linspace(time[0], time[-1], len(time)))
-    rate = (len(time) - 1) / (time[-1] - time[0])
-
-    def quantity(what: str) -> Array:
-        columns = [table[:, header.index(f"{joint}_{what}")] for joint in joints]
-        return np.stack([np.interp(even, time, column) for column in columns], axis=1)
-
-    q = quantity("position")
-    has_velocity = all(f"{joint}_velocity" in header for joint in joints)
-    qd = quantity("velocity") if has_velocity else derivative(q, rate)
-    return np.stack([q, qd, quantity("effort")], axis=1), rate
+            if len(values) != 2 * POSE_JOINTS or not np.isfinite(values).all():
+                raise LogError(file, f"got {line.strip()[:60]!r}; allowed: positions and efforts of"
+                    f" {', '.join(joints[:POSE_JOINTS])}", number)  # fmt: skip
+            found.append(values)
+    if len(found) < FEWEST_POSES:
+        raise LogError(file, f"got {len(found)} poses; allowed: {FEWEST_POSES} or more")
+    table = np.array(found)
+    rows = np.zeros((len(table), 3, len(joints)))
+    rows[:, 0, :POSE_JOINTS], rows[:, 2, :POSE_JOINTS] = np.hsplit(table, 2)
+    return rows
 
 
 def _check_columns(log: Log, arm: ArmDescription) -> None:
@@ -336,13 +425,22 @@ def _check_columns(log: Log, arm: ArmDescription) -> None:
     names = arm.mechanism.joint_names
     if not np.abs(log.effort).max() > 0.0:
         raise LogError(log.file, "efforts are zero throughout; allowed: recorded efforts")
-    moved = derivative(log.q, log.rate_hz)
+    moved = log.by_piece(log.q, lambda v: derivative(v, log.rate_hz))
+    rates = log.qd
+    usual = default_filters(arm)
+    if slowed(usual, log.rate_hz) is not usual:
+        cutoff = SLOW_CUTOFF * log.rate_hz
+        moved, rates = (
+            log.by_piece(one, lambda v: low_pass(v, cutoff, log.rate_hz, usual))
+            for one in (moved, rates)
+        )
+    still = log.still_joints(arm)
     for k, name in enumerate(names[: log.q.shape[1]]):
-        if name in constant_joints(log, arm):
+        if name in still:
             continue
         size = float(moved[:, k] @ moved[:, k])
-        slope = float(log.qd[:, k] @ moved[:, k]) / size
-        speed = np.linalg.norm(log.qd[:, k])
+        slope = float(rates[:, k] @ moved[:, k]) / size
+        speed = np.linalg.norm(rates[:, k])
         similar = slope * np.sqrt(size) / speed if speed > 0.0 else 0.0
         if abs(similar) < CORRELATION:
             raise LogError(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -17,10 +17,18 @@ from trocar.errors import InputError
 from trocar.outputs import json_text, whole_folder
 from trocar.plotting.drawing import EFFORT, MEASURED, SETPOINT, new_figure, png
 from trocar.robot.identification.drivetrains import described_trains
-from trocar.robot.identification.logs import FilteredLog, default_filters, filtered, read_motion
+from trocar.robot.identification.logs import (
+    FilteredLog,
+    Log,
+    default_filters,
+    filtered,
+    read_motion,
+    slowed,
+)
 from trocar.robot.identification.regression import Weight, loaded, predicted_efforts
 from trocar.robot.identification.validation import Score, score
-from trocar.robot.logs import Wrist
+from trocar.robot.recordings import ReadSettings
+from trocar.robot.standing import StandingArm, standing_arm
 
 Array = NDArray[np.float64]
 
@@ -31,20 +39,37 @@ class LogSettings:
 
     Attributes:
         tool: that was mounted; None: the default of the description
-        rate_hz, wrist, topic: as for `read_motion`
+        reading: how to read it
         cutoff_hz: of the filters instead of the dynamics' own; None: these [Hz]
+        rig: rig in which the arm stands, whose names of arms count then
+        base_rpy: rotation of the arm's base in the world, as for `standing_arm` [rad]
     """
 
     tool: str | None = None
-    rate_hz: float = 200.0
-    wrist: Wrist = "motor"
-    topic: str | None = None
+    reading: ReadSettings = field(default_factory=ReadSettings)
     cutoff_hz: float | None = None
+    rig: str | Path | None = None
+    base_rpy: tuple[float, float, float] | None = None
 
-    def filters(self, usual: FilterSettings) -> FilterSettings:
-        """Return the filters with the cut-off that is set here."""
+    def standing(self, arm: str | Path | None) -> StandingArm:
+        """Return an arm as it stands, by the name of its description or in the rig."""
+        return standing_arm(arm, self.tool, self.rig, self.base_rpy)
+
+    def read(self, file: str | Path, standing: StandingArm) -> Log:
+        """Read a log of an arm."""
+        known = self.rig is not None or self.base_rpy is not None
+        return read_motion(
+            file,
+            standing.arm,
+            self.reading,
+            up=standing.up if known else None,
+            name=standing.name,
+        )
+
+    def filters(self, usual: FilterSettings, rate_hz: float) -> FilterSettings:
+        """Return the filters with the cut-off that is set here, or that a slow log has room for."""
         if self.cutoff_hz is None:
-            return usual
+            return slowed(usual, rate_hz)
         if not self.cutoff_hz > 0.0:
             raise InputError(f"cut-off: got {self.cutoff_hz:g} Hz; allowed: more than 0")
         return replace(usual, cutoff_hz=self.cutoff_hz)
@@ -80,15 +105,18 @@ class Prediction:
             "dynamics": self.dynamics,
             "weights": self.weights,
             "samples": len(self.effort),
+            "pieces": len(self.log.log.starts),
+            "understood": self.log.log.understood,
             "relative_rms_percent": self.score.relative_rms_percent,
             "rms": self.score.rms,
+            "up": self.log.log.up,
             "filters": {**asdict(self.log.settings), "rate_hz": self.log.log.rate_hz},
         }
 
 
 def predict(
     file: str | Path,
-    arm: str | Path = "psm",
+    arm: str | Path | None = "psm",
     dynamics: One | None = None,
     weights: Sequence[Weight] = (),
     settings: LogSettings | None = None,
@@ -98,7 +126,7 @@ def predict(
 
     Args:
         file: as for `read_motion`
-        arm: a built-in arm, or the path of a description
+        arm: a built-in arm, or the path of a description; with `settings.rig`, the arm's name in it
         dynamics: an overlay with dynamics or its path, the name of a built-in one, or "cad" for the
             description's; None: the built-in one of the arm, the description's without one
         weights: known weights strapped to the arm
@@ -110,13 +138,14 @@ def predict(
         DescriptionError, InputError: the arm, the dynamics or a setting
     """
     how = settings or LogSettings()
-    nominal = load_arm(arm, how.tool)
+    standing = how.standing(arm)
+    nominal = standing.arm
     chosen = dynamics
     if chosen is None:
         chosen = nominal.name if (DYNAMICS / f"{nominal.name}.toml").is_file() else CAD
     described, trains, filters, name = with_dynamics(nominal, chosen)
-    log = read_motion(file, nominal, how.rate_hz, how.wrist, how.topic)
-    found = filtered(log, nominal, how.filters(filters))
+    log = how.read(file, standing)
+    found = filtered(log, nominal, how.filters(filters, log.rate_hz))
     count = log.q.shape[1]
     efforts = predicted_efforts(loaded(described, weights), trains, found.motion)[:, :count]
     effort, predicted = found.cut(found.effort), found.smooth(efforts @ log.joint_from_column)

@@ -35,6 +35,9 @@ Array = NDArray[np.float64]
 #: Frames of own bodies that stay as described. Source: the handle of a master is symmetric about
 #: its axis, and what a fit finds of it beside the axis explains held-out samples worse.
 KNOWN_BODIES = {"MTM": ("wrist_roll",)}
+#: Mass below which an own body stays as described [kg]. Source: our own choice; a placeholder of
+#: next to nothing, which the stages of an Si's telescope are, has no bounds that mean anything.
+LEAST_MASS = 1e-3
 #: Names of a body's parameters.
 BODY_PARAMETERS = ("m", "hx", "hy", "hz", "Sxx", "Syy", "Szz", "Sxy", "Sxz", "Syz")
 
@@ -142,7 +145,7 @@ def moving_bodies(arm: ArmDescription, joints: Sequence[str]) -> tuple[str, ...]
     own = [
         b.frame
         for b in arm.bodies
-        if b.part == arm.name and b.mass > 0.0 and b.frame not in known and moved(b.frame)
+        if b.part == arm.name and b.mass > LEAST_MASS and b.frame not in known and moved(b.frame)
     ]
     if not own:
         raise InputError(

@@ -11,7 +11,7 @@ Parameter Identification.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,9 @@ from trocar.kinematics.tree import local_pose
 
 Array = NDArray[np.float64]
 
+#: Direction against gravity of an arm whose reference frame stands upright.
+UPRIGHT: Array = np.array([0.0, 0.0, 1.0])
+UPRIGHT.setflags(write=False)
 #: Rows and columns of the six second moments.
 MOMENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 #: Step of the differences that differentiate the rates of a loop that is no parallelogram, as a
@@ -39,7 +42,7 @@ class JointMotion:
 
     Stop elements deflect along `unfiltered` positions where there are some: hysteresis of filtered
     positions is not the filtered hysteresis. Coulomb friction has the signs of `unfiltered_rates`
-    where there are some.
+    where there are some. Gravity is against `up`, a unit vector in the arm's reference frame, (3,).
     """
 
     q: Array
@@ -47,6 +50,7 @@ class JointMotion:
     qdd: Array
     unfiltered: Array | None = None
     unfiltered_rates: Array | None = None
+    up: Array = field(default_factory=lambda: UPRIGHT)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +77,7 @@ class FrameMotion:
 def frame_motions(
     mechanism: Mechanism, motion: JointMotion, only: Sequence[str]
 ) -> dict[str, FrameMotion]:
-    """Return the motion of frames, loops closed, with gravity along -z of the reference frame.
+    """Return the motion of frames, loops closed, with gravity against the motion's `up`.
 
     Args:
         mechanism: the arm with its tool
@@ -89,7 +93,7 @@ def frame_motions(
     wanted = sorted({i for name in only for i in mechanism.chain(name)})
     count, joints = motion.q.shape
     root = mechanism.frames[0].name
-    upright = pose(mechanism, motion.q[:1], mechanism.reference, root)[0, :3, :3]
+    up = pose(mechanism, motion.q[:1], mechanism.reference, root)[0, :3, :3] @ motion.up
     rest = np.zeros((count, 3))
     lifts: dict[int, tuple[Array, Array, Array, Array]] = {}
     found: dict[str, FrameMotion] = {}
@@ -100,7 +104,7 @@ def frame_motions(
         if frame.parent is None:
             jacobian = np.zeros((count, 6, joints))
             turn, turn_rate = rest, rest
-            lift = np.einsum("kab,b->ka", back, STANDARD_GRAVITY * upright[:, 2])
+            lift = np.einsum("kab,b->ka", back, STANDARD_GRAVITY * up)
         else:
             jac, turn, turn_rate, lift = lifts[mechanism.frame_index[frame.parent]]
             lift = lift + np.cross(turn_rate, arm) + np.cross(turn, np.cross(turn, arm))

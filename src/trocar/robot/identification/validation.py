@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 
 from trocar.descriptions import ArmDescription
 from trocar.robot.identification.bounds import MASS_RATIOS, all_bounds
-from trocar.robot.identification.drivetrains import structure
-from trocar.robot.identification.fit import reweighted
+from trocar.robot.identification.fit import fit_problem, reweighted
 from trocar.robot.identification.logs import FilteredLog
-from trocar.robot.identification.regression import EffortModel, filtered_regressor, moving_bodies
 
 Array = NDArray[np.float64]
 
@@ -83,15 +81,17 @@ def cross_validate(
     arm: ArmDescription,
     mass_ratios: tuple[float, float] = MASS_RATIOS,
     watch: Callable[[str], None] = lambda _: None,
+    keep: Sequence[str] = (),
 ) -> Score:
     """Return the errors at samples whose block of the phase was held out of the identification.
 
-    All repeats of a block are held out together, with a gap on both sides.
+    All repeats of a block are held out together, with a gap on both sides. Only columns that
+    `identify` fits have errors; `keep` names joints to leave as described.
     """
-    names = arm.mechanism.joint_names[: log.log.q.shape[1]]
-    model = EffortModel(arm, moving_bodies(arm, names), structure(arm, [log.motion.q]))
+    problem = fit_problem([log], arm, keep=keep)
+    model, ((matrix, target),) = problem.model, problem.parts
+    fitted = matrix.any(axis=(0, 2))
     bounds = all_bounds(arm, model.frames, mass_ratios)
-    matrix, rest = filtered_regressor(model, log)
     effort = log.cut(log.effort)
     length = period(log)
     phase = np.arange(len(effort)) % length
@@ -102,7 +102,8 @@ def cross_validate(
         first, last = (length * k // BLOCKS for k in (number, number + 1))
         held = (phase >= first) & (phase < last)
         beside = (phase - (first - gap)) % length < last - first + 2 * gap
-        part = matrix[~beside], (effort - rest)[~beside]
+        part = matrix[~beside], target[~beside]
         found = reweighted(model, bounds, [part], [log])
-        predicted[held] = rest[held] + matrix[held] @ found.parameters
-    return score(log.log.columns, effort, predicted)
+        predicted[held] = (effort - target)[held] + matrix[held] @ found.parameters
+    names = [name for name, one in zip(log.log.columns, fitted, strict=True) if one]
+    return score(names, effort[:, fitted], predicted[:, fitted])

@@ -22,9 +22,9 @@ LONGEST_GAP_S = 1.0
 MOST_RANGES_BEYOND = 1.0
 MOST_VELOCITY = 300.0
 MOST_EFFORT = 1000.0
-#: Largest 99th percentile of joint speeds over the arm's limits. Source: our own choice; a
-#: surgeon's hands reach twice the limits of the arm's own trajectories.
-FASTEST = 4.0
+#: Largest 99th percentile of joint speeds over the arm's limits. Source: our own choice; masters in
+#: published logs reach four times the limits of their own trajectories.
+FASTEST = 6.0
 #: Ratios of recorded velocities to the differences of positions at the right rate. Source: our own
 #: choice; real ones are up to 17 % too large.
 VELOCITY_RATIOS = (0.6, 1.6)
@@ -87,6 +87,11 @@ class ArmMotion:
                 self, times=self.times[first:last], rows=self.rows[first:last], starts=(0,)
             )
 
+    def cut_at(self, longest_gap_s: float) -> ArmMotion:
+        """Return the motion, cut where two samples are farther apart in time [s]."""
+        far = np.flatnonzero(np.diff(self.times) > longest_gap_s) + 1
+        return replace(self, starts=tuple(sorted({*self.starts, *far.tolist()})))
+
     def at_rate(self, rate_hz: float) -> ArmMotion:
         """Return the samples of a motion of one piece at even times, filled in evenly.
 
@@ -101,7 +106,9 @@ class ArmMotion:
             return self
         even = self.times[0] + np.arange(count) / rate_hz
         flat = self.rows.reshape(len(self.rows), -1)
-        filled = np.stack([np.interp(even, self.times, column) for column in flat.T], axis=1)
+        filled = np.zeros((count, flat.shape[1]))
+        for k in range(flat.shape[1]):
+            filled[:, k] = np.interp(even, self.times, flat[:, k])
         return replace(self, times=even, rows=filled.reshape(count, *self.rows.shape[1:]))
 
     def understood(self) -> str:
@@ -210,7 +217,7 @@ def _cut(motion: ArmMotion, arm: ArmDescription) -> ArmMotion:
     lost = int((steps > 1.5 * np.median(steps)).sum()) if motion.timed else 0
     breaks = (steps < 0.0) | (steps > LONGEST_GAP_S)
     if not motion.timed:
-        breaks |= _jumps(motion, rows, steps, arm)
+        breaks |= _jumps(rows, steps, arm)
     starts = [0, *(np.flatnonzero(breaks) + 1).tolist()]
     # A piece of a single sample is a stamp that went astray.
     ends = [*starts[1:], len(times)]
@@ -242,14 +249,17 @@ def _cut(motion: ArmMotion, arm: ArmDescription) -> ArmMotion:
     return replace(motion, times=times, rows=rows, starts=tuple(starts), notes=tuple(notes))
 
 
-def _jumps(motion: ArmMotion, rows: Array, steps: Array, arm: ArmDescription) -> NDArray[np.bool_]:
+def _jumps(rows: Array, steps: Array, arm: ArmDescription) -> NDArray[np.bool_]:
     """Return where joints jump between rows farther than the arm moves in a row's time."""
     count = rows.shape[2]
     span = (arm.mechanism.upper - arm.mechanism.lower)[:count]
     fastest = np.array([joint.velocity_max for joint in arm.joints[:count]])
     moved = np.abs(np.diff(rows[:, 0], axis=0))
     jumped = (moved > JUMP_SPEEDS * fastest * steps[:, None]) & (moved > JUMP_RANGE * span)
-    return np.asarray(jumped.any(axis=1), np.bool_)
+    found = np.asarray(jumped.any(axis=1), np.bool_)
+    again = np.flatnonzero(found[:-1] & found[1:])  # a row astray, not a pause
+    found[again], found[again + 1] = False, False
+    return found
 
 
 def _with_velocities(motion: ArmMotion) -> ArmMotion:
@@ -296,7 +306,7 @@ def _with_rate_checked(motion: ArmMotion, arm: ArmDescription, given: bool) -> A
     speeds = np.quantile(np.abs(moved), 0.99, axis=0)
     for k, joint in enumerate(motion.joints):
         limit = arm.joints[k].velocity_max
-        if speeds[k] > FASTEST * limit and not doubts:
+        if speeds[k] > FASTEST * limit and not ratios and not doubts:
             slides = arm.joints[k].kind == "prismatic"
             doubts.append(
                 f"{joint} moves at {speeds[k]:.3g} {'m/s' if slides else 'rad/s'} at {rate:.4g} Hz,"

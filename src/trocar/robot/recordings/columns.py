@@ -19,14 +19,16 @@ QUANTITY_WORDS = {
     "other": "acceleration accelerations acc qdd ddq jerk current currents temperature voltage"
     " error errors seq frame id nsecs wrench twist",
 }
-SETPOINT_WORDS = frozenset(
-    "setpoint sp desired des goal commanded cmd command target ref reference action servo".split()
-)
+SETPOINT_WORDS = frozenset((
+    "setpoint", "sp", "desired", "des", "goal", "commanded", "cmd", "command", "target", "ref",
+    "reference", "action", "servo",
+))  # fmt: skip
 #: Words without a meaning of their own.
-PLAIN_WORDS = frozenset(
-    "joint joints j measured actual current data robot dvrk davinci field observation observations"
-    " of the arm cp local tip tool tooltip pose ee cartesian trocar outer".split()
-)
+PLAIN_WORDS = frozenset((
+    "joint", "joints", "j", "measured", "actual", "current", "data", "robot", "dvrk", "davinci",
+    "field", "observation", "observations", "of", "the", "arm", "cp", "local", "tip", "tool",
+    "tooltip", "pose", "ee", "cartesian", "trocar", "outer",
+))  # fmt: skip
 ARM_WORDS = re.compile(r"(?i)(psm|ecm|mtml|mtmr|mtm|suj)(\d*)")
 UNITS = {
     "rad": ("angle", 1.0), "radian": ("angle", 1.0), "radians": ("angle", 1.0),
@@ -38,14 +40,17 @@ UNITS = {
     "ms": ("time", 1e-3), "us": ("time", 1e-6), "ns": ("time", 1e-9), "nsec": ("time", 1e-9),
     "n": ("effort", 1.0), "nm": ("effort", 1.0), "mnm": ("effort", 1e-3), "nmm": ("effort", 1e-3),
 }  # fmt: skip
-TIME_NAMES = frozenset(
-    "time t times timestamp timestamps stamp secs sec rosbagtimestamp rostime ros_time walltime"
-    " header_stamp time_stamp elapsed elapsed_time simtime seconds ros_timestamp clock".split()
-)
+TIME_NAMES = frozenset((
+    "time", "t", "times", "timestamp", "timestamps", "stamp", "secs", "sec", "rosbagtimestamp",
+    "rostime", "ros_time", "walltime", "header_stamp", "time_stamp", "elapsed", "elapsed_time",
+    "simtime", "seconds", "ros_timestamp", "clock",
+))  # fmt: skip
+#: Joints that an arm in a table has at least. Source: our own choice; a wrist may be unrecorded.
+FEWEST_JOINTS = 3
 PARTS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 #: Topics of dVRK 1.x. Source: its robot's topics, 1.4 to 1.7.
 OLD_NAMES = re.compile(r"(state|position)_(joint|jaw)_current")
-PLACE_WORDS = frozenset("position translation trans xyz p".split())
+PLACE_WORDS = frozenset(["position", "translation", "trans", "xyz", "p"])
 #: "position=1:8[deg]" or "PSM1.jaw=gripper". Places count from 0, the last one left out.
 CHOSEN = re.compile(r"(?:(?P<arm>[\w-]+)\.)?(?P<what>[a-z]+)=(?P<place>[^=\[\]]+)"
                     r"(?:\[(?P<units>[^\[\]]*)\])?")  # fmt: skip
@@ -111,7 +116,8 @@ def is_time(name: str) -> bool:
     if not words:
         return False
     joined = "_".join(words)
-    return joined in TIME_NAMES or joined.removeprefix("field_") in TIME_NAMES
+    plain = joined.removeprefix("field_")
+    return plain in TIME_NAMES or words[-1] in ("timestamp", "stamp")
 
 
 def time_scale(name: str) -> float | None:
@@ -168,7 +174,7 @@ def find_arms(names: Sequence[str], joints: Sequence[str], has_end: bool) -> lis
         has_end: whether the last joint may be missing
 
     Returns:
-        arms with all positions of their joints or the pose of their tip
+        arms with the positions of their first joints or the pose of their tip
     """
     groups: dict[tuple[str, bool], dict[str, dict[str | int, Place]]] = {}
     for column, name in enumerate(names):
@@ -191,7 +197,7 @@ def find_arms(names: Sequence[str], joints: Sequence[str], has_end: bool) -> lis
         }
         tip = {str(k): place for k, place in group.get("tip", {}).items()}
         one = ArmPlaces(label, named["position"], named["velocity"], named["effort"], tip)
-        own = joints[: len(joints) - has_end]
+        own = joints[: len(joints) - has_end][:FEWEST_JOINTS]
         if all(joint in one.position for joint in own) or one.has_tip:
             found[label] = one
     return list(found.values())

@@ -128,7 +128,7 @@ def _names(root: Path) -> dict[str, tuple[str, ...]]:
             names: Any = one.get("names")
             if isinstance(names, Mapping):  # v2.0: {"motors": [...]}
                 inner = list(cast("Mapping[str, Any]", names).values())
-                names = inner[0] if len(inner) == 1 and isinstance(inner[0], list) else list(names)
+                names = inner[0] if len(inner) == 1 else None
             if isinstance(names, list):
                 found[name] = tuple(str(n) for n in cast("list[Any]", names))
         return found

@@ -29,7 +29,7 @@ from trocar.robot.recordings.columns import (
 )
 from trocar.robot.recordings.motor_side import Wrist, joints_from_motors, recorded_joints
 from trocar.robot.recordings.parquet import is_parquet, read_parquet
-from trocar.robot.recordings.tables import NumberTable, read_table
+from trocar.robot.recordings.tables import READABLE, NumberTable, read_table
 from trocar.robot.recordings.tip_poses import joints_of_tips, pose_from_numbers
 from trocar.robot.recordings.topics import read_bag_motion
 
@@ -39,9 +39,9 @@ Kind = Literal["recording", "bag", "table", "rows"]
 #: Rate of rows without times that have velocities, which confirm it [Hz]. Source: the recorder of
 #: dvrk_dynamics_identification.
 ROWS_HZ = 200.0
-#: The public layout of JIGSAWS: 19 columns each of the left and right master and the left and right
-#: slave: position of the tip [m], its rotation matrix row by row, linear and angular velocity, angle
-#: of the gripper [rad]. Source: Gao et al., JIGSAWS, M2CAI 2014, and its readme; 30 Hz.
+#: The public layout of JIGSAWS: 19 columns each of the left and right master, the left and right
+#: slave: position of the tip [m], its rotation matrix row by row, linear and angular velocity, and
+#: angle of the gripper [rad]. Source: Gao et al., JIGSAWS, M2CAI 2014, and its readme; 30 Hz.
 JIGSAWS, JIGSAWS_HZ = 76, 30.0
 JIGSAWS_ARMS = ("master_left", "master_right", "slave_left", "slave_right")
 #: Range of rates by which a unit of time is told [Hz]. Source: our own choice; s, ms, us and ns are
@@ -119,7 +119,11 @@ def recording_kind(path: str | Path) -> Kind:
 
 
 def read_arm_motion(
-    path: str | Path, arm: ArmDescription, how: ReadSettings | None = None
+    path: str | Path,
+    arm: ArmDescription,
+    how: ReadSettings | None = None,
+    *,
+    partial: bool = False,
 ) -> ArmMotion:
     """Read the motion of an arm.
 
@@ -127,6 +131,7 @@ def read_arm_motion(
         path: a bag, a text file or a dataset
         arm: the recorded arm, with the tool that was mounted
         how: how to read it; the defaults when omitted
+        partial: whether a table may lack joints after the third, which then are 0
 
     Raises:
         LogError: it cannot be read, or is no recording of this arm; file and row are named
@@ -134,6 +139,8 @@ def read_arm_motion(
         MissingExtraError: a library for this kind of file is not installed
     """
     how = how or ReadSettings()
+    if not Path(path).expanduser().exists():
+        raise LogError(str(path), f"no such file; allowed: {READABLE}")
     if not is_parquet(path) and is_bag(path):
         motion = read_bag_motion(open_bag(path), arm, how.topic, how.jaw, how.of)
         return checked_motion(motion, arm, rate_given=True)
@@ -142,8 +149,12 @@ def read_arm_motion(
         return _bare_motion(table, arm, how)
     places, chosen = _places(table, arm, how)
     one = _one_arm(table, arm, how, chosen)
-    times, timed = _times(table, places, how)
-    return _motion_of(table, arm, how, one, (times, timed))
+    motion = _motion_of(table, arm, how, one, _times(table, places, how))
+    joints = recorded_joints(arm)
+    absent = [j for j in joints[: len(joints) - arm.has_jaw] if j not in motion.recorded[0]]
+    if absent and not partial:
+        raise _lacks(table.file, absent, joints)
+    return motion
 
 
 def read_tips(path: str | Path, arm: ArmDescription, how: ReadSettings) -> TipMotion | None:
@@ -219,22 +230,29 @@ def _one_arm(
     joints = recorded_joints(arm)
     own = joints[: len(joints) - arm.has_jaw]
     if not found:
-        missing = lacking(table.names, own)
-        named = f"lacks columns {', '.join(f'{j}_position' for j in missing)}" if missing else (
-            f"has no columns of the joints of {arm.name}: {', '.join(table.names)[:200]}"
-        )  # fmt: skip
+        if missing := lacking(table.names, own):
+            raise _lacks(table.file, missing, joints)
+        seen = ", ".join(table.names)[:200]
         raise LogError(
             table.file,
-            f"{named}; allowed: time, and JOINT_position, JOINT_velocity (optional), JOINT_effort"
-            f" (optional) of {', '.join(joints)} or their numbers, or --columns",
+            f"has no columns of the joints of {arm.name}: {seen}; allowed: {_allowed(joints)}",
             1,
         )
     label = choose_arm(table.file, [a.label for a in found], arm.name, arm.type, how.of)
     one = next(a for a in found if a.label == label)
-    if not all(joint in one.position for joint in own) and not one.has_tip:
-        missing = ", ".join(joint for joint in own if joint not in one.position)
-        raise InputError(f"--columns: lacks the positions of {missing}; allowed: all of {arm.name}")
     return one
+
+
+def _lacks(file: str, missing: Sequence[str], joints: Sequence[str]) -> LogError:
+    names = ", ".join(f"{joint}_position" for joint in missing)
+    return LogError(file, f"lacks columns {names}; allowed: {_allowed(joints)}", 1)
+
+
+def _allowed(joints: Sequence[str]) -> str:
+    return (
+        "time, and JOINT_position, JOINT_velocity (optional), JOINT_effort (optional) of"
+        f" {', '.join(joints)} or their numbers, or --columns"
+    )
 
 
 def _motion_of(
@@ -251,7 +269,7 @@ def _motion_of(
     slides = {j.name: j.kind == "prismatic" for j in arm.joints}
     rows = np.full((len(times), 3, len(joints)), np.nan)
     recorded = [set[str](), set[str](), set[str]()]
-    solved = not all(joint in places.position for joint in own)
+    solved = places.has_tip and not all(joint in places.position for joint in own)
     for quantity, given in enumerate((places.position, places.velocity, places.effort)):
         for joint, place in given.items():
             if joint not in joints or (solved and joint in own):
@@ -271,7 +289,8 @@ def _motion_of(
         recorded[0].update(own)
         of = "given" if how.base is not None else "taken as the frame of the poses"
         notes.append(f"joints from poses of the tip, base {of}")
-    known = np.isfinite(rows[:, 0, : len(own)]).all(axis=1) & np.isfinite(times)
+    present = [joints.index(joint) for joint in own if joint in recorded[0]]
+    known = np.isfinite(rows[:, 0, present]).all(axis=1) & np.isfinite(times)
     if not known.all():
         notes.append(f"{int((~known).sum())} of {len(known)} rows without positions left out")
     if known.sum() < 2:
@@ -380,7 +399,7 @@ def _times(table: NumberTable, place: Place | None, how: ReadSettings) -> tuple[
     times = _values(table, Place(place.column, 1.0), how, "")
     steps = np.diff(times[np.isfinite(times)])
     usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
-    if not usual > 0.0:
+    if not usual > 0.0 and len(steps):
         raise LogError(table.file, "the times do not rise; name their column, --columns time=NAME")
     scale = place.scale
     if not scale:
@@ -398,18 +417,14 @@ def _bare_motion(table: NumberTable, arm: ArmDescription, how: ReadSettings) -> 
     A first column that rises evenly is the time. Velocities and efforts may be missing.
     """
     joints = recorded_joints(arm)
-    if table.texts or not np.isfinite(table.values).all():
-        row, column = (int(k) for k in np.argwhere(~np.isfinite(table.values))[0])
-        text = table.texts.get(column, (0, ""))[1] or "no number"
-        raise LogError(
-            table.file,
-            f"column {column + 1}: got {text!r}; allowed: a number",
-            int(table.rows[row]),
-        )
+    if table.holes:
+        column, (row, text) = min(table.holes.items(), key=lambda one: one[1][0])
+        raise LogError(table.file, f"column {column + 1}: got {text!r}; allowed: a number", row)
     own = len(joints) - arm.has_jaw
     counts = {k * n: (k, n) for n in (own, len(joints)) for k in (1, 2, 3)}
     width = table.values.shape[1]
-    timed = width - 1 in counts and width not in (len(joints) * 3,) and _rises(table.values[:, 0])
+    asked = width not in counts or (how.rate_hz is None and width <= len(joints))
+    timed = width - 1 in counts and asked and _rises(table.values[:, 0])
     if not timed and width not in counts:
         raise LogError(
             table.file,
@@ -464,5 +479,3 @@ def _alike(positions: Array, velocities: Array) -> bool:
     sizes = np.linalg.norm(moved, axis=0) * np.linalg.norm(told, axis=0)
     ratios = (moved * told).sum(axis=0)[sizes > 0.0] / sizes[sizes > 0.0]
     return not len(ratios) or float(np.median(ratios)) > ALIKE
-
-

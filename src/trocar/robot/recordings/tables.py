@@ -27,12 +27,12 @@ READABLE = (
     " dataset of LeRobot's or one of its Parquet files"
 )
 #: Longest row [characters]. Source: our own choice; 76 columns take some 1000.
-LONGEST_LINE = 1 << 18
+LONGEST_LINE = 1 << 16
 #: Words for a number that was not recorded. Source: pandas, MATLAB and spreadsheets.
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-", "#n/a"})
 COMMENT = "#%/"
 #: Several numbers in one field: "[0.1, 0.2]". Source: rosbag to CSV converters.
-LIST = re.compile(r"\"?\s*[\[(]([^\])]*)[\])]\s*,?\s*\"?")
+LIST = re.compile(r"\"?[\[(]\s*([-+.\d][^\])]*)[\])]\"?")
 QUOTED = re.compile(r"\"([^\"]*)\"")
 #: Stands for a comma inside quotes while a row is split.
 INNER = "\x1f"
@@ -48,6 +48,7 @@ class NumberTable:
         values: (k, c); NaN where a field is no number
         rows: numbers of the rows in the file, from 1, (k,)
         texts: {column: row and text of its first field that is neither a number nor empty}
+        holes: {column: row and text of its first field that is empty or not finite}
         notes: rows that were left out
     """
 
@@ -56,6 +57,7 @@ class NumberTable:
     values: Array
     rows: NDArray[np.int64]
     texts: dict[int, tuple[int, str]] = field(default_factory=dict[int, tuple[int, str]])
+    holes: dict[int, tuple[int, str]] = field(default_factory=dict[int, tuple[int, str]])
     notes: tuple[str, ...] = ()
 
 
@@ -76,6 +78,7 @@ def read_table(path: str | Path) -> NumberTable:
     rows: list[list[float]] = []
     numbers: list[int] = []
     texts: dict[int, tuple[int, str]] = {}
+    holes: dict[int, tuple[int, str]] = {}
     short: tuple[int, int] | None = None
     for number, line in _lines(path):
         if line.lstrip()[:1] in COMMENT:
@@ -105,7 +108,10 @@ def read_table(path: str | Path) -> NumberTable:
                 value = math.nan
                 if text.lower() not in MISSING:
                     texts.setdefault(column, (number, text[:40]))
-            values.append(value if math.isfinite(value) else math.nan)
+            if not math.isfinite(value):
+                holes.setdefault(column, (number, text[:40]))
+                value = math.nan
+            values.append(value)
         rows.append(values)
         numbers.append(number)
     if rows and not header and split is not None:
@@ -117,7 +123,7 @@ def read_table(path: str | Path) -> NumberTable:
         )
     notes = (f"row {short[0]} breaks off and was left out",) if short else ()
     values_of = np.array(rows, np.float64) if rows else np.zeros((0, len(header)))
-    return NumberTable(file, header, values_of, np.array(numbers, np.int64), texts, notes)
+    return NumberTable(file, header, values_of, np.array(numbers, np.int64), texts, holes, notes)
 
 
 @dataclass(frozen=True)
@@ -126,25 +132,21 @@ class _Splitter:
 
     Attributes:
         separator: between fields; None: spaces
-        decimal: decimal sign
     """
 
     separator: str | None
-    decimal: str
 
     @classmethod
     def of(cls, line: str) -> _Splitter:
         """Find the separator of a row."""
         bare = LIST.sub("0", line)
-        if ";" in bare:
-            return cls(";", "," if "," in bare else ".")
-        return cls(next((c for c in ",\t" if c in bare), None), ".")
+        return cls(next((c for c in ";,\t" if c in bare), None))
 
     def __call__(self, line: str) -> list[str]:
         if '"' in line or "[" in line or "(" in line:
             line = LIST.sub(lambda m: m[0].replace(",", INNER).replace(" ", INNER), line)
             line = QUOTED.sub(lambda m: m[1].replace(",", INNER), line)
-        if self.decimal == ",":
+        if self.separator == ";":
             line = line.replace(",", ".")
         fields = [part.strip() for part in line.split(self.separator)]
         if len(fields) > 1 and not fields[-1] and self.separator is not None:
@@ -191,7 +193,9 @@ def _lines(path: str | Path) -> Iterator[tuple[int, str]]:
             stream = _open(path, stack)
             while line := stream.readline(LONGEST_LINE):
                 number += 1
-                if len(line) >= LONGEST_LINE or "\0" in line:
+                if "\0" in line:
+                    raise LogError(file, "is not text; allowed: rows of numbers", number)
+                if len(line) >= LONGEST_LINE:
                     raise LogError(file, "is not a table of numbers: row too long", number)
                 if not line.strip():
                     blank = blank or number
@@ -203,8 +207,6 @@ def _lines(path: str | Path) -> Iterator[tuple[int, str]]:
                 yield number, line
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise LogError(file, f"gzip data is truncated or damaged ({error})", number + 1) from error
-    except UnicodeDecodeError as error:
-        raise LogError(file, "is not text; allowed: rows of numbers", number + 1) from error
     except OSError as error:
         raise LogError(file, f"cannot be read: {error.strerror or error}") from error
 
@@ -219,6 +221,6 @@ def _open(path: str | Path, stack: ExitStack) -> TextIO:
     head = raw.read(2)
     raw.seek(0)
     if head in (b"\xff\xfe", b"\xfe\xff"):
-        return stack.enter_context(io.TextIOWrapper(raw, encoding="utf-16"))
+        return stack.enter_context(io.TextIOWrapper(raw, encoding="utf-16", errors="replace"))
     plain = stack.enter_context(gzip.GzipFile(fileobj=raw)) if head == b"\x1f\x8b" else raw
-    return stack.enter_context(io.TextIOWrapper(plain, encoding="utf-8-sig"))
+    return stack.enter_context(io.TextIOWrapper(plain, encoding="utf-8-sig", errors="replace"))

@@ -62,19 +62,18 @@ def joints_of_tips(
         LogError: the arm does not reach a pose
     """
     own, structure = inverse(base), arm.inverse_kinematics
-    near: Array | None = None
     found: list[Array] = []
     for row, tip in enumerate(tips):
         T = own @ tip
         try:
-            if near is None:
-                near = inverse_kinematics(arm.mechanism, structure, T)[0]
+            if found:
+                q = nearest_solution(arm.mechanism, structure, T, found[-1])
             else:
-                near = nearest_solution(arm.mechanism, structure, T, near)
+                q = inverse_kinematics(arm.mechanism, structure, T)[0]
         except (UnreachableError, SingularError) as problem:
             raise LogError(
                 file,
                 f"{where(row)}: {problem}; is its base (--base) in the frame of the poses right?",
             ) from problem
-        found.append(near)
+        found.append(q)
     return np.array(found)

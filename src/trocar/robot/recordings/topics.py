@@ -27,9 +27,7 @@ END_STATES = {
 ENDS = tuple(name for names in END_STATES.values() for name in names)
 
 
-def find_topic(
-    topics: Iterable[str], arm: str, names: Collection[str], where: str
-) -> str | None:
+def find_topic(topics: Iterable[str], arm: str, names: Collection[str], where: str) -> str | None:
     """Return the topic of an arm among those of joint states, in whatever namespace and case.
 
     /SUJ/PSM1/measured_js does not belong to PSM1.
@@ -192,9 +190,7 @@ def _order(
     )
 
 
-def _samples(
-    bag: Bag, topic: str
-) -> tuple[Array, tuple[str, ...], Array, tuple[bool, bool, bool]]:
+def _samples(bag: Bag, topic: str) -> tuple[Array, tuple[str, ...], Array, tuple[bool, bool, bool]]:
     """Read a topic to its end.
 
     Returns:
@@ -219,7 +215,8 @@ def _samples(
         values.append((position, fields["velocity"], fields["effort"]))
     if len(times) < 2:
         raise LogError(bag.file, f"/{topic}: got {len(times)} samples; allowed: 2 or more")
-    given = True, *(all(len(v[k]) == len(names) for v in values) for k in (1, 2))
+    velocities, efforts = (all(len(v[k]) == len(names) for v in values) for k in (1, 2))
+    given = True, velocities, efforts
     table = np.zeros((len(times), 3, len(names)))
     for quantity, has in enumerate(given):
         if has:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
-from argparse import ArgumentTypeError, Namespace
+from argparse import Namespace
 from typing import TYPE_CHECKING, Any
 
 from trocar.cli.arguments import Arguments, allow, names_of, options
+from trocar.errors import InputError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -30,14 +31,14 @@ def add_reading(parser: Arguments) -> None:
                                      tip, quaternion, rotation (default: by the header)
         --units ANGLE/LENGTH         units of columns that do not name theirs, e.g. deg/mm (default:
                                      rad/m)
-        --base X,Y,Z,QW,QX,QY,QZ:pose  the arm's base in the frame of the tip's poses [m], where a
+        --base X,Y,Z,QW,QX,QY,QZ     the arm's base in the frame of the tip's poses [m], where a
                                      table has no joints (default: the poses are in the base)
         --episode N:int              episode of a dataset of LeRobot's
         --wrist motor|joint = motor  rows without header: side of the coupling on which a PSM's
                                      wrist and jaw, or an MTM's joints 2 to 4, were recorded
         --topic [ARM=]TOPIC          bag: topic of joint states (default: by its name)
         --jaw [ARM=]TOPIC            bag: topic of the jaw (default: that beside the arm's)
-    """, pose=base_pose)  # fmt: skip
+    """)  # fmt: skip
 
 
 def read_settings(args: Namespace) -> ReadSettings:
@@ -49,7 +50,7 @@ def read_settings(args: Namespace) -> ReadSettings:
     of = args.of or (args.topic.partition("=")[0] if "=" in (args.topic or "") else None)
     return ReadSettings(
         args.rate, args.wrist, topic, jaw, of if topic is None else None, tuple(columns),
-        args.units, args.base, args.episode,
+        args.units, base_pose(args.base) if args.base else None, args.episode,
     )  # fmt: skip
 
 
@@ -72,7 +73,11 @@ def allow_reading(args: Namespace, kinds: set[str]) -> None:
 
 
 def base_pose(text: str) -> NDArray[np.float64]:
-    """Return the pose (4, 4) of seven numbers."""
+    """Return the pose (4, 4) of seven numbers.
+
+    Raises:
+        InputError: others
+    """
     import numpy as np
 
     from trocar.geometry import matrix_from_quaternion, transform
@@ -83,7 +88,7 @@ def base_pose(text: str) -> NDArray[np.float64]:
         values = np.zeros(0)
     norm = float(np.linalg.norm(values[3:]))
     if values.shape != (7,) or not np.isfinite(values).all() or abs(norm - 1.0) > NORM_TOLERANCE:
-        raise ArgumentTypeError(
-            f"got {text!r}; allowed: X,Y,Z,QW,QX,QY,QZ with a unit quaternion, e.g. 0,0,0,1,0,0,0"
+        raise InputError(
+            f"--base: got {text!r}; allowed: X,Y,Z,QW,QX,QY,QZ with a unit quaternion, e.g. 0,0,0,1,0,0,0"
         )
     return transform(matrix_from_quaternion(values[3:] / norm), values[:3])

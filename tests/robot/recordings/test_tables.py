@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from trocar.descriptions import load_arm
 from trocar.errors import InputError, LogError, UnknownNameError
 from trocar.kinematics.chain_pose import chain_pose
-from trocar.robot.recordings import ReadSettings, read_arm_motion, read_tips
+from trocar.robot.recordings import ReadSettings, read_arm_motion, tip_motions
 
 Array = NDArray[np.float64]
 PSM = load_arm("psm")
@@ -248,8 +248,7 @@ def test_jigsaws_columns_are_known(tmp_path: Path) -> None:
     found = read_arm_motion(path, PSM, ReadSettings(of="slave_right"))
     np.testing.assert_allclose(found.rows[:, 0], q, atol=1e-6)
     assert found.rate_hz == pytest.approx(30.0)
-    seen = read_tips(path, PSM, ReadSettings(of="slave_right"))
-    assert seen is not None
+    (seen,) = tip_motions(path, "slave_right")
     np.testing.assert_allclose(seen.positions, poses[:, :3, 3], atol=1e-9)
 
 

@@ -2,14 +2,16 @@
 
 from trocar.robot.recordings.arm_motion import ArmMotion
 from trocar.robot.recordings.motor_side import Wrist, recorded_joints
-from trocar.robot.recordings.read import ReadSettings, read_arm_motion, read_tips, recording_kind
+from trocar.robot.recordings.read import ReadSettings, read_arm_motion, recording_kind
+from trocar.robot.recordings.tips import TipMotion, tip_motions
 
 __all__ = [
     "ArmMotion",
     "ReadSettings",
+    "TipMotion",
     "Wrist",
     "read_arm_motion",
-    "read_tips",
     "recorded_joints",
     "recording_kind",
+    "tip_motions",
 ]

@@ -42,9 +42,12 @@ UNITS = {
 }  # fmt: skip
 TIME_NAMES = frozenset((
     "time", "t", "times", "timestamp", "timestamps", "stamp", "secs", "sec", "rosbagtimestamp",
-    "rostime", "ros_time", "walltime", "header_stamp", "time_stamp", "elapsed", "elapsed_time",
+    "rostime", "ros_time", "walltime", "header_stamp", "time_stamp", "elapsed", "elapsed_time", "epoch_time",
     "simtime", "seconds", "ros_timestamp", "clock",
 ))  # fmt: skip
+#: Words of a tip's pose, whose roll, pitch and yaw are no joints.
+TIP_WORDS = frozenset(("ee", "eef", "tcp", "tip", "tooltip", "cp", "cartesian", "euler", "rpy", "pose",
+                       "orientation"))  # fmt: skip
 #: Joints that an arm in a table has at least. Source: our own choice; a wrist may be unrecorded.
 FEWEST_JOINTS = 3
 PARTS = ("x", "y", "z", "qx", "qy", "qz", "qw")
@@ -149,6 +152,8 @@ def taken_apart(name: str, joints: Sequence[str]) -> Name:
         if any(word in known.split() for word in rest):
             quantity = kind if quantity != "other" else quantity
             rest = [word for word in rest if word not in known.split()]
+    if joint in ("roll", "pitch", "yaw") and TIP_WORDS & set(words):
+        return Name(arm, setpoint, "other", None, unit)  # angles of the tip's orientation
     part = _part(words)
     if joint is None and part is not None and quantity in ("", "position"):
         turn = {"orientation", "rotation", "rot", "quaternion", "quat"}
@@ -378,6 +383,9 @@ def _part(words: Sequence[str]) -> str | None:
     last = words[-1] if words else ""
     if last in ("x", "y", "z", "w", *PARTS):
         return last
+    turned = {"r", "rot", "rotation", "rotm", "orientation", "matrix"} & set(words)
+    if turned and len(words) > 2 and all(w in ("1", "2", "3") for w in words[-2:]):
+        return f"r{3 * (int(words[-2]) - 1) + int(last) - 1}"
     if len(words) > 1 and last.isdigit() and len(last) in (1, 2):
         before = words[-2]
         if before in ("r", "rot", "rotation", "rotm", "orientation"):

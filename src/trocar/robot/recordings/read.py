@@ -17,6 +17,7 @@ from trocar.recording import is_recording
 from trocar.recording.bags import is_bag, open_bag
 from trocar.robot.recordings.arm_motion import QUANTITIES, ArmMotion, checked_motion
 from trocar.robot.recordings.columns import (
+    ARM_WORDS,
     UNITS,
     ArmPlaces,
     Place,
@@ -31,7 +32,7 @@ from trocar.robot.recordings.motor_side import Wrist, joints_from_motors, record
 from trocar.robot.recordings.parquet import is_parquet, read_parquet
 from trocar.robot.recordings.tables import READABLE, NumberTable, read_table
 from trocar.robot.recordings.tip_poses import joints_of_tips, pose_from_numbers
-from trocar.robot.recordings.topics import read_bag_motion
+from trocar.robot.recordings.topics import arm_of, read_bag_motion, state_topics
 
 Array = NDArray[np.float64]
 Kind = Literal["recording", "bag", "table", "rows"]
@@ -92,21 +93,6 @@ class ReadSettings:
             raise InputError(f"rate: got {self.rate_hz!r} Hz; allowed: more than 0")
 
 
-@dataclass(frozen=True, eq=False)
-class TipMotion:
-    """The motion of an arm's tip.
-
-    Attributes:
-        label: name of the arm in the file
-        times: (k,) [s]
-        positions: (k, 3) [m]
-    """
-
-    label: str
-    times: Array
-    positions: Array
-
-
 def recording_kind(path: str | Path) -> Kind:
     """Determine the kind of a file: a recording, a bag, or a table with or without a header."""
     if is_parquet(path):
@@ -157,13 +143,18 @@ def read_arm_motion(
     return motion
 
 
-def read_tips(path: str | Path, arm: ArmDescription, how: ReadSettings) -> TipMotion | None:
-    """Read the positions of an arm's tip from a table that holds them, None from another file.
+def read_tip_positions(
+    path: str | Path, arm: ArmDescription, how: ReadSettings
+) -> tuple[str, Array, Array] | None:
+    """Read the positions of an arm's tip from a table that holds them.
 
     Args:
         path: a text file or a dataset
         arm: the recorded arm
         how: how to read it
+
+    Returns:
+        name of the arm in the file, times (k,) [s], positions (k, 3) [m]; None from other files
 
     Raises:
         LogError, InputError: as for `read_arm_motion`
@@ -180,20 +171,29 @@ def read_tips(path: str | Path, arm: ArmDescription, how: ReadSettings) -> TipMo
     times, _ = _times(table, places, how)
     p = np.stack([_values(table, one.tip[part], how, "m") for part in "xyz"], axis=1)
     known = np.isfinite(p).all(axis=1) & np.isfinite(times)
-    return TipMotion(one.label, times[known], p[known])
+    return one.label, times[known], p[known]
 
 
 def arms_in(path: str | Path, arm: ArmDescription, how: ReadSettings | None = None) -> list[str]:
-    """List the arms of a table whose joints a description has, by their names in the table.
+    """List the arms of a bag or table that may be of a description's type, by their names in it.
 
     Args:
-        path: a text file or a dataset
+        path: a bag, a text file or a dataset
         arm: a description of their type
         how: how to read it
     """
     how = how or ReadSettings()
-    table = _table(path, how)
-    return [one.label for one in _places(table, arm, how)[1]] if table.names or how.columns else []
+    if not is_parquet(path) and is_bag(path):
+        labels = [arm_of(topic) for topic in state_topics(open_bag(path))]
+    else:
+        table = _table(path, how)
+        bare = not table.names and not how.columns and table.values.shape[1] != JIGSAWS
+        labels = [""] if bare else [one.label for one in _places(table, arm, how)[1]]
+    return [
+        label
+        for label in dict.fromkeys(labels)
+        if label.upper().startswith(arm.type) or not ARM_WORDS.match(label)
+    ]
 
 
 def _table(path: str | Path, how: ReadSettings) -> NumberTable:

@@ -134,15 +134,20 @@ def _jaw_topic(bag: Bag, chosen: str, jaw: str | None) -> str | None:
     return next((before + name for name in END_STATES["jaw"] if before + name in bag.topics), None)
 
 
-def _topic(bag: Bag, arm: ArmDescription, topic: str | None, of: str | None) -> str:
-    """Return the topic to read, without a leading slash."""
-    found = sorted(
+def state_topics(bag: Bag) -> list[str]:
+    """List the topics of arms' joint states in a bag, without leading slashes."""
+    return sorted(
         name
         for name, kind in bag.topics.items()
         if kind == JOINT_STATE
         and any(f"/{name}".endswith(f"/{state}") for state in ARM_STATES)
         and not any(f"/{name}".endswith(f"/{end}") for end in ENDS)
     )
+
+
+def _topic(bag: Bag, arm: ArmDescription, topic: str | None, of: str | None) -> str:
+    """Return the topic to read, without a leading slash."""
+    found = state_topics(bag)
     known = ", ".join(f"/{name}" for name in found) or "none"
     if topic is not None:
         if topic.lstrip("/") not in bag.topics:

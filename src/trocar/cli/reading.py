@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from argparse import Namespace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from trocar.cli.arguments import Arguments, allow, names_of, options
 from trocar.errors import InputError
@@ -32,7 +32,8 @@ def add_reading(parser: Arguments) -> None:
         --units ANGLE/LENGTH         units of columns that do not name theirs, e.g. deg/mm (default:
                                      rad/m)
         --base X,Y,Z,QW,QX,QY,QZ     the arm's base in the frame of the tip's poses [m], where a
-                                     table has no joints (default: the poses are in the base)
+                                     table has no joints, or "centred": anywhere from where the
+                                     mean pose is home (default: the poses are in the base)
         --episode N:int              episode of a dataset of LeRobot's
         --wrist motor|joint = motor  rows without header: side of the coupling on which a PSM's
                                      wrist and jaw, or an MTM's joints 2 to 4, were recorded
@@ -72,8 +73,8 @@ def allow_reading(args: Namespace, kinds: set[str]) -> None:
         allow(args, "with rows without a header", "wrist")
 
 
-def base_pose(text: str) -> NDArray[np.float64]:
-    """Return the pose (4, 4) of seven numbers.
+def base_pose(text: str) -> NDArray[np.float64] | Literal["centred"]:
+    """Return the pose (4, 4) of seven numbers, or "centred".
 
     Raises:
         InputError: others
@@ -82,6 +83,8 @@ def base_pose(text: str) -> NDArray[np.float64]:
 
     from trocar.geometry import matrix_from_quaternion, transform
 
+    if text == "centred":
+        return "centred"
     try:
         values: NDArray[Any] = np.array([float(word) for word in text.split(",")])
     except ValueError:
@@ -89,6 +92,7 @@ def base_pose(text: str) -> NDArray[np.float64]:
     norm = float(np.linalg.norm(values[3:]))
     if values.shape != (7,) or not np.isfinite(values).all() or abs(norm - 1.0) > NORM_TOLERANCE:
         raise InputError(
-            f"--base: got {text!r}; allowed: X,Y,Z,QW,QX,QY,QZ with a unit quaternion, e.g. 0,0,0,1,0,0,0"
+            f"--base: got {text!r}; allowed: X,Y,Z,QW,QX,QY,QZ with a unit quaternion, e.g."
+            " 0,0,0,1,0,0,0, or centred"
         )
     return transform(matrix_from_quaternion(values[3:] / norm), values[:3])

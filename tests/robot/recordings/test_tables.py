@@ -233,8 +233,31 @@ def test_poses_of_the_tip_with_a_jaw_become_joints(tmp_path: Path) -> None:
     assert "joints from poses of the tip" in found.understood()
     moved = np.eye(4)
     moved[:3, 3] = 0.3, -0.1, 0.2
-    with pytest.raises(LogError, match=r"row 2: .*is its base \(--base\) in the frame"):
+    with pytest.raises(LogError, match=r"60 of 60 poses are out of reach, the first in row 2: .*"
+                                       r"is its base \(--base\) in the frame"):  # fmt: skip
         read_arm_motion(path, PSM, ReadSettings(base=moved))
+
+
+def test_a_base_is_placed_where_the_mean_pose_is_home(tmp_path: Path) -> None:
+    time, q, _ = motion()
+    home = PSM.poses["home"]
+    q = home + 0.2 * (q - q.mean(axis=0))
+    q[:, 2] = 0.12 + 0.2 * (motion()[1][:, 2] - 0.15)
+    away = tips(np.array([[0.5, 0.3, 0.2, 0.1, 0.2, 0.3, 0.0]]))[0]
+    poses = away @ tips(q)
+    header = ["t", "x", "y", "z", *(f"r{k}" for k in range(9))]
+    table = np.column_stack([time, poses[:, :3, 3], poses[:, :3, :3].reshape(-1, 9)])
+    path = csv(tmp_path / "log.csv", header, table)
+    found = read_arm_motion(path, PSM, ReadSettings(base="centred"))
+    assert "base placed so that the mean pose is home" in found.understood()
+    # the tip moves as it was recorded
+    own = found.rows[:, 0].copy()
+    moved = tips(own)[:, :3, 3]
+    np.testing.assert_allclose(
+        np.linalg.norm(np.diff(moved, axis=0), axis=1),
+        np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1),
+        atol=1e-6,
+    )
 
 
 def test_jigsaws_columns_are_known(tmp_path: Path) -> None:

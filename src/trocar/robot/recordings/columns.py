@@ -42,18 +42,20 @@ UNITS = {
 }  # fmt: skip
 TIME_NAMES = frozenset((
     "time", "t", "times", "timestamp", "timestamps", "stamp", "secs", "sec", "rosbagtimestamp",
-    "rostime", "ros_time", "walltime", "header_stamp", "time_stamp", "elapsed", "elapsed_time", "epoch_time",
-    "simtime", "seconds", "ros_timestamp", "clock",
+    "rostime", "ros_time", "walltime", "header_stamp", "time_stamp", "elapsed", "elapsed_time",
+    "epoch_time", "simtime", "seconds", "ros_timestamp", "clock",
 ))  # fmt: skip
 #: Words of a tip's pose, whose roll, pitch and yaw are no joints.
-TIP_WORDS = frozenset(("ee", "eef", "tcp", "tip", "tooltip", "cp", "cartesian", "euler", "rpy", "pose",
-                       "orientation"))  # fmt: skip
+TIP_WORDS = frozenset((
+    "ee", "eef", "tcp", "tip", "tooltip", "cp", "cartesian", "euler", "rpy", "pose", "orientation",
+))  # fmt: skip
 #: Joints that an arm in a table has at least. Source: our own choice; a wrist may be unrecorded.
 FEWEST_JOINTS = 3
 PARTS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 #: Topics of dVRK 1.x. Source: its robot's topics, 1.4 to 1.7.
 OLD_NAMES = re.compile(r"(state|position)_(joint|jaw)_current")
 PLACE_WORDS = frozenset(["position", "translation", "trans", "xyz", "p"])
+TURN_WORDS = frozenset(("r", "rot", "rotation", "rotm", "orientation", "matrix"))
 #: "position=1:8[deg]" or "PSM1.jaw=gripper". Places count from 0, the last one left out.
 CHOSEN = re.compile(r"(?:(?P<arm>[\w-]+)\.)?(?P<what>[a-z]+)=(?P<place>[^=\[\]]+)"
                     r"(?:\[(?P<units>[^\[\]]*)\])?")  # fmt: skip
@@ -160,7 +162,7 @@ def taken_apart(name: str, joints: Sequence[str]) -> Name:
         if part in "xyzw" and (turn & set(words) or part == "w"):
             part = f"q{part}"
         quantity, joint = "tip", part
-        rest = [w for w in rest if w not in turn and w != words[-1] and w not in PLACE_WORDS]
+        rest = [w for w in rest if w not in turn | TURN_WORDS | PLACE_WORDS and w != words[-1]]
     numbers = [word for word in rest if word.isdigit()]
     if joint is None and numbers:
         joint = int(numbers[-1])
@@ -383,12 +385,12 @@ def _part(words: Sequence[str]) -> str | None:
     last = words[-1] if words else ""
     if last in ("x", "y", "z", "w", *PARTS):
         return last
-    turned = {"r", "rot", "rotation", "rotm", "orientation", "matrix"} & set(words)
+    turned = TURN_WORDS & set(words)
     if turned and len(words) > 2 and all(w in ("1", "2", "3") for w in words[-2:]):
         return f"r{3 * (int(words[-2]) - 1) + int(last) - 1}"
     if len(words) > 1 and last.isdigit() and len(last) in (1, 2):
         before = words[-2]
-        if before in ("r", "rot", "rotation", "rotm", "orientation"):
+        if before in TURN_WORDS:
             if len(last) == 2:
                 row, column = int(last[0]) - 1, int(last[1]) - 1
                 return f"r{3 * row + column}" if 0 <= row < 3 and 0 <= column < 3 else None

@@ -18,6 +18,7 @@ from trocar.recording.bags import is_bag, open_bag
 from trocar.robot.recordings.arm_motion import QUANTITIES, ArmMotion, checked_motion
 from trocar.robot.recordings.columns import (
     ARM_WORDS,
+    FEWEST_JOINTS,
     UNITS,
     ArmPlaces,
     Place,
@@ -31,7 +32,12 @@ from trocar.robot.recordings.columns import (
 from trocar.robot.recordings.motor_side import Wrist, joints_from_motors, recorded_joints
 from trocar.robot.recordings.parquet import is_parquet, read_parquet
 from trocar.robot.recordings.tables import READABLE, NumberTable, read_table
-from trocar.robot.recordings.tip_poses import joints_of_tips, pose_from_numbers
+from trocar.robot.recordings.tip_poses import (
+    centred_base,
+    out_of_reach,
+    pose_from_numbers,
+    solved_tips,
+)
 from trocar.robot.recordings.topics import arm_of, read_bag_motion, state_topics
 
 Array = NDArray[np.float64]
@@ -50,6 +56,8 @@ JIGSAWS_ARMS = ("master_left", "master_right", "slave_left", "slave_right")
 RATES_HZ = 2.0, 10_000.0
 #: Largest position of a tip [m]. Source: our own choice; a PSM reaches 0.3 m.
 FARTHEST_M = 2.0
+#: Largest ratio of poses out of an arm's reach, which are left out. Source: our own choice.
+MOST_MISSED = 0.1
 #: Least correlation of a joint's velocities with differences of its positions. Source: our own
 #: choice.
 ALIKE = 0.5
@@ -67,7 +75,8 @@ class ReadSettings:
         columns: "[ARM.]WHAT=COLUMNS[UNIT]" of a table, see `chosen_places`; by its header when
             omitted
         units: of columns that do not say theirs, "deg/mm"; None: rad and m
-        base: of poses of the tip: the arm's own base in their frame, (4, 4); None: they are in it
+        base: of poses of the tip: the arm's own base in their frame, (4, 4); "centred": where the
+            mean pose is that of its home; None: the poses are in it
         episode: of a dataset
     """
 
@@ -78,7 +87,7 @@ class ReadSettings:
     of: str | None = None
     columns: tuple[str, ...] = ()
     units: str | None = None
-    base: Array | None = None
+    base: Array | Literal["centred"] | None = None
     episode: int | None = None
 
     def __post_init__(self) -> None:
@@ -132,7 +141,7 @@ def read_arm_motion(
         return checked_motion(motion, arm, rate_given=True)
     table = _table(path, how)
     if not table.names and not how.columns and table.values.shape[1] != JIGSAWS:
-        return _bare_motion(table, arm, how)
+        return _bare_motion(table, arm, how, partial)
     places, chosen = _places(table, arm, how)
     one = _one_arm(table, arm, how, chosen)
     motion = _motion_of(table, arm, how, one, _times(table, places, how))
@@ -281,13 +290,22 @@ def _motion_of(
     if solved:
         tip = _tips(table, how, places)
         known = np.isfinite(tip).all(axis=(1, 2)) & np.isfinite(times)
-        base = np.eye(4) if how.base is None else how.base
-        q = joints_of_tips(
-            arm, tip[known], base, table.file, lambda k: f"row {table.rows[known][k]}"
-        )
+        base, of = how.base, "as given"
+        if base is None:
+            base, of = np.eye(4), "in the frame of the poses"
+        elif isinstance(base, str):
+            base, of = centred_base(arm, tip[known]), "placed so that the mean pose is home"
+        q, missed = solved_tips(arm, tip[known], base)
+        if len(missed) > MOST_MISSED * len(q):
+            row, problem = next(iter(missed.items()))
+            raise out_of_reach(
+                table.file,
+                f"{len(missed)} of {len(q)} poses are out of reach, the first in row"
+                f" {table.rows[known][row]}",
+                problem,
+            )
         rows[known, 0, : len(own)] = q
         recorded[0].update(own)
-        of = "given" if how.base is not None else "taken as the frame of the poses"
         notes.append(f"joints from poses of the tip, base {of}")
     present = [joints.index(joint) for joint in own if joint in recorded[0]]
     known = np.isfinite(rows[:, 0, present]).all(axis=1) & np.isfinite(times)
@@ -411,10 +429,13 @@ def _times(table: NumberTable, place: Place | None, how: ReadSettings) -> tuple[
     return (times - first) * scale, True
 
 
-def _bare_motion(table: NumberTable, arm: ArmDescription, how: ReadSettings) -> ArmMotion:
+def _bare_motion(
+    table: NumberTable, arm: ArmDescription, how: ReadSettings, partial: bool
+) -> ArmMotion:
     """Read rows without a header: positions, velocities, efforts of all joints, in this order.
 
-    A first column that rises evenly is the time. Velocities and efforts may be missing.
+    A first column that rises evenly is the time. Velocities and efforts may be missing; with
+    `partial` all three may be those of the first three joints.
     """
     joints = recorded_joints(arm)
     if table.holes:
@@ -422,6 +443,8 @@ def _bare_motion(table: NumberTable, arm: ArmDescription, how: ReadSettings) -> 
         raise LogError(table.file, f"column {column + 1}: got {text!r}; allowed: a number", row)
     own = len(joints) - arm.has_jaw
     counts = {k * n: (k, n) for n in (own, len(joints)) for k in (1, 2, 3)}
+    if partial:
+        counts.setdefault(3 * FEWEST_JOINTS, (3, FEWEST_JOINTS))
     width = table.values.shape[1]
     asked = width not in counts or (how.rate_hz is None and width <= len(joints))
     timed = width - 1 in counts and asked and _rises(table.values[:, 0])

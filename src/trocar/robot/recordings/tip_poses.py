@@ -11,6 +11,7 @@ from trocar.descriptions import ArmDescription
 from trocar.errors import LogError, SingularError, UnreachableError
 from trocar.geometry import matrix_from_quaternion
 from trocar.geometry.se3 import inverse, transform
+from trocar.kinematics.chain_pose import chain_pose
 from trocar.kinematics.inverse import inverse_kinematics, nearest_solution
 
 Array = NDArray[np.float64]
@@ -46,34 +47,69 @@ def pose_from_numbers(file: str, where: str, position: Array, turn: Array) -> Ar
     return transform(nearest, position)
 
 
-def joints_of_tips(
-    arm: ArmDescription, tips: Array, base: Array, file: str, where: Callable[[int], str]
-) -> Array:
-    """Return the joints that bring an arm's tip to poses, without the jaw, (k, n).
+def solved_tips(arm: ArmDescription, tips: Array, base: Array) -> tuple[Array, dict[int, str]]:
+    """Return the joints that bring an arm's tip to poses, without the jaw.
 
     Args:
         arm: with the tool that was mounted
         tips: poses in some frame, (k, 4, 4)
         base: the arm's own base in that frame, (4, 4)
+
+    Returns:
+        (k, n), NaN where the arm does not reach a pose, and {row: why}
+    """
+    own, structure = inverse(base), arm.inverse_kinematics
+    found = np.full((len(tips), arm.own_joints), np.nan)
+    missed: dict[int, str] = {}
+    near: int | None = None
+    for row, tip in enumerate(tips):
+        T = own @ tip
+        try:
+            if near is None:
+                found[row] = inverse_kinematics(arm.mechanism, structure, T)[0]
+            else:
+                found[row] = nearest_solution(arm.mechanism, structure, T, found[near])
+            near = row
+        except (UnreachableError, SingularError) as problem:
+            missed[row] = str(problem)
+    return found, missed
+
+
+def joints_of_tips(
+    arm: ArmDescription, tips: Array, base: Array, file: str, where: Callable[[int], str]
+) -> Array:
+    """Return the joints that bring an arm's tip to poses, all of them, (k, n).
+
+    Args:
+        arm, tips, base: as for `solved_tips`
         file: for errors
         where: names a row, for errors
 
     Raises:
         LogError: the arm does not reach a pose
     """
-    own, structure = inverse(base), arm.inverse_kinematics
-    found: list[Array] = []
-    for row, tip in enumerate(tips):
-        T = own @ tip
-        try:
-            if found:
-                q = nearest_solution(arm.mechanism, structure, T, found[-1])
-            else:
-                q = inverse_kinematics(arm.mechanism, structure, T)[0]
-        except (UnreachableError, SingularError) as problem:
-            raise LogError(
-                file,
-                f"{where(row)}: {problem}; is its base (--base) in the frame of the poses right?",
-            ) from problem
-        found.append(q)
-    return np.array(found)
+    q, missed = solved_tips(arm, tips, base)
+    for row, problem in missed.items():
+        raise out_of_reach(file, where(row), problem)
+    return q
+
+
+def out_of_reach(file: str, where: str, problem: str) -> LogError:
+    """Return the error of a pose that an arm does not reach."""
+    return LogError(
+        file, f"{where}: {problem}; is its base (--base) in the frame of the poses right?"
+    )
+
+
+def centred_base(arm: ArmDescription, tips: Array) -> Array:
+    """Place an arm's base so that the mean pose of its tip is that of its home, (4, 4).
+
+    Args:
+        arm: with the tool that was mounted
+        tips: poses in some frame, (k, 4, 4)
+    """
+    mean = tips.mean(axis=0)
+    left, _, right = np.linalg.svd(mean[:3, :3])
+    mean[:3, :3] = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    home = chain_pose(arm.mechanism)(arm.poses["home"][None])[0]
+    return mean @ inverse(home)

@@ -19,7 +19,14 @@ from trocar.descriptions.calibrated import as_overlay
 from trocar.descriptions.inertial import STANDARD_GRAVITY
 from trocar.descriptions.overlay_records import Dynamics, Overlay
 from trocar.descriptions.records import DynamicsKind
-from trocar.robot.identification import default_filters, excite, filtered, identify, read_motion
+from trocar.robot.identification import (
+    Identified,
+    default_filters,
+    excite,
+    filtered,
+    identify,
+    read_motion,
+)
 from trocar.robot.identification.drivetrains import labels
 from trocar.robot.identification.logs import Log
 from trocar.robot.identification.regression import EffortModel, predicted_efforts
@@ -91,8 +98,7 @@ def round_trip(period_s: float, repeats: int) -> list[Figure]:
     The motion is one of `trocar excite`; readings have the encoders' steps. A physics step has one
     effort, of which a sample between two steps has the mean. The step is short and stop elements
     are renewed in each: within a step of 1 ms weight acts half a step late and springs half a step
-    early, which is found as viscous friction. Base parameters are compared whose standard error is
-    below half of the goal.
+    early, which is found as viscous friction.
     """
     arm = load_arm("psm")
     plan = excite(arm, period_s=period_s, repeats=repeats, candidates=4)
@@ -114,16 +120,24 @@ def round_trip(period_s: float, repeats: int) -> list[Figure]:
     )  # fmt: skip
     settings = replace(default_filters(arm), acceleration_cutoff_hz={})
     result = identify([filtered(log, arm, settings)], arm)
-    base, truth = result.base, _parameters(result.model, as_overlay("psm"))
-    expected = base.combinations @ truth
+    motion = f"{repeats} times {period_s:g} s"
+    return returned(f"drives: round trip, {motion}", result, as_overlay("psm"))
+
+
+def returned(title: str, result: Identified, truth: Overlay) -> list[Figure]:
+    """Return how near base parameters are to those of the robot, of which an overlay is the truth.
+
+    Base parameters are compared whose standard error is below half of the goal.
+    """
+    base = result.base
+    expected = base.combinations @ _parameters(result.model, truth)
     change = np.abs(base.values / expected - 1.0)
     sure = base.sigma < SURE * np.abs(expected)
     share = 100.0 * float(np.mean(change[sure] < RETURNED / 100.0))
     median = 100.0 * float(np.median(change[sure]))
     worst = int(np.argmax(change * sure))
     farthest = 100.0 * float(change[worst])
-    motion = f"{repeats} times {period_s:g} s"
-    what = f"drives: round trip, {motion}, {int(sure.sum())} base parameters known to 1 %"
+    what = f"{title}, {int(sure.sum())} base parameters known to 1 %"
     return [
         Figure(f"{what}, median", median, "%", RETURNED),
         Figure(f"{what}, within 2 %", share, "%", lower=100.0),
@@ -177,7 +191,7 @@ def masters() -> list[Figure]:
 def _parameters(model: EffortModel, overlay: Overlay) -> Array:
     """Return an overlay's parameters in the order of a model's, 0 where it has none, (p,)."""
     dynamics = cast(Dynamics, overlay.dynamics)
-    arm = load_arm("psm", calibration=overlay)
+    arm = load_arm(model.arm.file, model.arm.tool or "none", overlay)
     values: list[float] = []
     for frame in model.frames:
         own = [parameters(b) for b in arm.bodies if b.frame == frame and b.part == arm.name]

@@ -150,6 +150,12 @@ EXPERIMENTS = (
         extra="identify",
     ),
     Experiment(
+        "si-identification",
+        "parameters identified from simulated arms of an Si against the truth",
+        "benchmarks.si_round_trip:si_round_trip",
+        extra="identify",
+    ),
+    Experiment(
         "errors",
         "distance of tips from the poses that robots report",
         "benchmarks.errors:errors",

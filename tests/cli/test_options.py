@@ -120,7 +120,7 @@ def given(action: Action) -> list[str]:
     if action.nargs == 0:
         return [action.option_strings[-1]]
     value = str(list(action.choices)[-1]) if action.choices else "1"
-    for example in ("1", "PSM1=x", "1@x", "0.5,2"):
+    for example in ("1", "PSM1=x", "1@x", "0.5,2", "0,0,0"):
         if action.type is None or action.choices:
             break
         try:

@@ -75,6 +75,13 @@ def add_standing(parser: Arguments) -> None:
     options(parser, """
         --rig RIG            rig in which the arm stands, built-in or TOML file: it gives the
                              direction of gravity, setup joints at the pose "start"
+    """)  # fmt: skip
+    add_base_rpy(parser)
+
+
+def add_base_rpy(parser: Arguments) -> None:
+    """Add the rotation of an arm's base."""
+    options(parser, """
         --base-rpy R,P,Y:angles  rotation of the arm's base in the world about its fixed axes x, y,
                              z, in degrees, as rpy_deg of a rig (default: upright, of a recording of
                              a simulation as its rig has it); write --base-rpy=-45,0,0

@@ -68,7 +68,7 @@ def run(args: Namespace) -> int:
             known = [one for each in weights(args.weight, tip) for one in each]
             found.append(predict(args.log, arm, args.dynamics, known, how, args.samples))
     report_read([one.log.log for one in found])
-    document = found[0] if len(found) == 1 else found
+    document = found[0] if len(found) == 1 else {"predictions": found}
     if args.report is not None:
         write_report(args.report, document, found, args.overwrite)
     print_result(args, document, lambda: "\n\n".join(_text(one) for one in found))
@@ -112,7 +112,7 @@ def _kind(found: Prediction) -> str:
     return (
         "poses at rest"
         if log.log.poses
-        else f"samples at {log.log.rate_hz:.4g} Hz, cut-off {log.settings.cutoff_hz:g} Hz"
+        else f"samples at {log.log.rate_hz:.4g} Hz, cut-off {log.settings.cutoff_hz:.4g} Hz"
     )
 
 

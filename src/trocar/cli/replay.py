@@ -21,6 +21,7 @@ from trocar.cli.arguments import (
     names_of,
     options,
 )
+from trocar.cli.identify import add_base_rpy
 from trocar.cli.output import print_result, progress_bar, table
 from trocar.cli.reading import add_reading, allow_reading, read_settings
 
@@ -39,13 +40,16 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_json(parser)
     own = parser.add_argument_group("recording of a simulation")
     options(own, """
-        --rig RIG  TOML file of the recorded rig, if its path has changed
+        --rig RIG  rig of the recording, if its path has changed; of a log of a real arm, the rig in
+                   which it stands
     """)  # fmt: skip
     real = parser.add_argument_group("log of a real arm")
     options(real, """
-        --arm ARM = psm  built-in arm (see trocar list arms) or TOML file
+        --arm ARM        built-in arm (see trocar list arms) or TOML file; with --rig, an arm of
+                         that rig (default: psm; with --rig its only one)
         --tool TOOL      built-in tool or TOML file (default: the tool of the arm's description)
     """)  # fmt: skip
+    add_base_rpy(real)
     add_calibration(real)
     options(real, """
         --mode position|effort = position  position: track the recorded positions (default); effort:
@@ -62,10 +66,19 @@ def run(args: Namespace) -> int:
 
     kind = recording_kind(args.log)
     if kind == "recording":
-        real = ("arm", "tool", "calibration", "dynamics", "mode", "window", "control", "friction")
+        real = (
+            "arm",
+            "tool",
+            "base_rpy",
+            "calibration",
+            "dynamics",
+            "mode",
+            "window",
+            "control",
+            "friction",
+        )
         allow(args, "with the log of a real arm", *real, *names_of(add_reading))
         return _repeat(args)
-    allow(args, "with a recording of a simulation", "rig")
     if args.mode == "position":
         allow(args, "with --mode effort", "window")
     allow_reading(args, {kind})
@@ -94,6 +107,8 @@ def _replay(args: Namespace) -> int:
         reading=read_settings(args),
         tool=args.tool,
         calibration=args.calibration,
+        rig=args.rig,
+        base_rpy=args.base_rpy,
     )
     with progress_bar("rows") as watch:
         report = replay(args.log, args.arm, settings, watch)

@@ -26,7 +26,7 @@ from trocar.descriptions.robot_errors import read_robot_errors
 from trocar.descriptions.sensors import read_sensors
 from trocar.descriptions.table import Table
 from trocar.descriptions.teleops import read_teleop
-from trocar.geometry.se3 import inverse, translation
+from trocar.geometry.se3 import inverse, transform, translation
 from trocar.kinematics.forward import pose
 
 Array = NDArray[np.float64]
@@ -245,10 +245,14 @@ REMOTE_CENTRE = (0.0, 0.0, 0.3)
 FIRST_NAMES = {"PSM": "PSM1", "ECM": "ECM"}
 
 
-def lone_arm_rig(arm: ArmDescription) -> RigDescription:
+def lone_arm_rig(arm: ArmDescription, turn: Array | None = None) -> RigDescription:
     """Return a rig of one arm alone in the air, at its pose "home" where it has one.
 
     The remote centre stands at (0, 0, 0.3) m; of an arm that has none, the root at the origin.
+
+    Args:
+        arm: the arm with its tool
+        turn: rotation of the arm about the remote centre or origin from upright, (3, 3)
     """
     mechanism = arm.mechanism
     rest = np.clip(np.zeros(len(arm.joints)), mechanism.lower, mechanism.upper)
@@ -256,6 +260,9 @@ def lone_arm_rig(arm: ArmDescription) -> RigDescription:
     if "rcm" in mechanism.frame_index:
         rcm = pose(mechanism, rest, "rcm", arm.root)
         place = translation(np.array(REMOTE_CENTRE)) @ inverse(rcm)
+    if turn is not None and not np.array_equal(turn, np.eye(3)):
+        stands = np.array(REMOTE_CENTRE) if "rcm" in mechanism.frame_index else np.zeros(3)
+        place = transform(turn, stands) @ translation(-stands) @ place
     name = FIRST_NAMES.get(arm.type, arm.name.upper())
     placed = RigArm(name, arm, "", "", place)
     start = {"start": {name: arm.poses.get("home", rest)}}

@@ -1,4 +1,4 @@
-"""How an arm stands: its description, and the rotation of its base in the world."""
+"""Arms with the rotation of their bases in the world, which gives the direction of gravity."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class StandingArm:
-    """An arm and how its base is turned.
+    """An arm and the rotation of its base.
 
     Attributes:
         arm: the arm with its tool
@@ -55,7 +55,7 @@ def standing_arm(
             (3,) [rad]; None: as the rig has it, upright without one
 
     Raises:
-        InputError: a rig and a rotation, a rotation that is none, or a rig of several arms
+        InputError: a rig and a rotation, angles that are not finite, or a rig of several arms
         UnknownNameError, DescriptionError: the arm, the tool or the rig
     """
     if rig is None:

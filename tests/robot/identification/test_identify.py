@@ -16,13 +16,14 @@ from trocar.cli import main
 from trocar.descriptions import load_arm
 from trocar.descriptions.overlay import overlay_text, parse_overlay
 from trocar.descriptions.overlay_records import Drivetrain, FilterSettings, Overlay
-from trocar.errors import InputError, LogError, MissingExtraError
+from trocar.errors import InputError, LogError, MissingExtraError, UnknownNameError
 from trocar.recording import record
 from trocar.robot.identification import (
     FilteredLog,
     JointMotion,
     Log,
     Weight,
+    cross_validate,
     excite,
     filtered,
     identify,
@@ -391,21 +392,67 @@ def test_a_short_log_is_refused(tidy: Callable[..., Path]) -> None:
         read_motion(tidy(seconds=2), load_arm("ecm"))
 
 
-def test_a_joint_that_does_not_move_is_named(tidy: Callable[..., Path]) -> None:
-    def change(rows: Array, _time: Array) -> None:
-        rows[:, 3], rows[:, 7] = 0.1, 0.0
+def still_roll(rows: Array, _time: Array) -> None:
+    rows[:, 3], rows[:, 7] = 0.1, 0.0
 
+
+def test_a_joint_that_does_not_move_stays_as_described(tidy: Callable[..., Path]) -> None:
+    pytest.importorskip("clarabel", reason="clarabel is not installed: trocar[identify]")
     arm = load_arm("ecm")
-    log = filtered(read_motion(tidy(change), arm), arm, SETTINGS)
-    with pytest.raises(LogError, match=r"roll did not move.*cannot be identified"):
-        identify([log], arm)
+    log = filtered(read_motion(tidy(still_roll), arm), arm, SETTINGS)
+    found = identify([log], arm)
+    assert found.kept == {"roll": "did not move"}
+    kept, described = found.dynamics.drivetrains["roll"], described_trains(arm)["roll"]
+    assert kept.terms == described.terms
+    assert "roll" not in found.model.trains
 
 
-def test_a_joint_without_efforts_is_named(tidy: Callable[..., Path]) -> None:
+def test_a_joint_without_efforts_leaves_the_fit_of_the_others(tidy: Callable[..., Path]) -> None:
+    pytest.importorskip("clarabel", reason="clarabel is not installed: trocar[identify]")
     arm = load_arm("ecm")
-    log = filtered(read_motion(tidy(scaled(slice(9, 10), 0.0)), arm), arm, SETTINGS)
-    with pytest.raises(LogError, match="efforts of pitch are zero throughout"):
-        identify([log], arm)
+    whole = filtered(read_motion(tidy(), arm), arm, SETTINGS)
+    log = filtered(read_motion(tidy(scaled(slice(11, 12), 0.0)), arm), arm, SETTINGS)
+    found, reference = identify([log], arm), identify([whole], arm)
+    assert found.kept == {"roll": "has no recorded efforts"}
+    for name in ("yaw", "insertion"):
+        ours, theirs = (one.dynamics.drivetrains[name].terms for one in (found, reference))
+        assert ours["viscous"] == pytest.approx(theirs["viscous"], rel=0.02), name
+    held_out = cross_validate(log, arm).relative_rms_percent
+    assert held_out["roll"] is None and held_out["yaw"] is not None
+
+
+def test_a_joint_can_be_left_as_described(tidy: Callable[..., Path]) -> None:
+    pytest.importorskip("clarabel", reason="clarabel is not installed: trocar[identify]")
+    arm = load_arm("ecm")
+    log = filtered(read_motion(tidy(), arm), arm, SETTINGS)
+    assert identify([log], arm, keep=["roll"]).kept == {"roll": "is to stay as described"}
+    with pytest.raises(UnknownNameError, match=r"joint 'rol'.*did you mean"):
+        identify([log], arm, keep=["rol"])
+
+
+def test_a_log_that_determines_nothing_is_refused(tidy: Callable[..., Path]) -> None:
+    arm = load_arm("ecm")
+    log = filtered(read_motion(tidy(), arm), arm, SETTINGS)
+    with pytest.raises(
+        LogError, match=r"determines nothing of the arm \(yaw is to stay as described"
+    ):
+        identify([log], arm, keep=arm.mechanism.joint_names)
+
+
+def test_joints_of_the_wrist_may_be_missing_from_a_table(tmp_path: Path) -> None:
+    arm = load_arm("psm")
+    moved = motion("psm", 4.0)
+    effort = predicted_efforts(arm, described_trains(arm), moved)
+    joints = arm.mechanism.joint_names[:6]
+    head = ["time", *(f"{j}_{what}" for what in ("position", "effort") for j in joints)]
+    head = [name for name in head if name != "roll_effort"]
+    table = np.hstack([moved.q[:, :6], np.delete(effort[:, :6], 3, axis=1)])
+    path = tmp_path / "log.csv"
+    np.savetxt(path, np.column_stack([np.arange(len(table)) / RATE_HZ, table]), delimiter=",",
+               header=",".join(head), comments="")  # fmt: skip
+    log = read_motion(path, arm)
+    assert log.silent == ("roll", "jaw")
+    assert log.still(arm) == ("jaw",)
 
 
 def test_swapped_efforts_are_named(

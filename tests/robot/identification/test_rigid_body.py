@@ -12,9 +12,11 @@ from trocar.descriptions.calibrated import as_overlay
 from trocar.descriptions.inertial import apparent_inertias, holding_efforts
 from trocar.descriptions.records import ArmDescription
 from trocar.descriptions.rigs import lone_arm_rig
+from trocar.errors import InputError, UnknownNameError
 from trocar.robot.identification import JointMotion, predicted_efforts, rigid_efforts
 from trocar.robot.identification.drivetrains import described_trains
 from trocar.robot.identification.rigid_body import mass_com_inertia, parameters, pseudo_inertia
+from trocar.robot.standing import standing_arm
 from trocar.simulation.drives import Springs, drives_of, spring_fields
 
 
@@ -25,7 +27,7 @@ def motion_of(arm: ArmDescription, rng: np.random.Generator, count: int = 20) ->
     return JointMotion(q, rng.normal(size=q.shape), rng.normal(size=q.shape))
 
 
-@pytest.mark.parametrize("name", ["psm", "ecm", "mtmr"])
+@pytest.mark.parametrize("name", ["psm", "ecm", "mtmr", "psm_si", "ecm_si"])
 def test_predicted_efforts_are_the_inverse_dynamics_of_the_simulation(
     name: str, rng: np.random.Generator
 ) -> None:
@@ -61,6 +63,40 @@ def test_efforts_at_rest_hold_the_arm_and_accelerate_its_apparent_inertia(
         pushed = rigid_efforts(arm, JointMotion(q, still, still + np.eye(7)[joint]))
         inertia = apparent_inertias(arm, q)[:, joint]
         np.testing.assert_allclose((pushed - held)[:, joint], inertia, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["psm", "psm_si", "ecm_si"])
+def test_gravity_of_a_leaning_arm_comes_from_where_it_leans(
+    name: str, rng: np.random.Generator
+) -> None:
+    stand = standing_arm(name, base_rpy=np.radians([-45.0, 10.0, 70.0]))
+    arm, (count, joints) = stand.arm, motion_of(stand.arm, rng).q.shape
+    q, still = motion_of(arm, rng).q, np.zeros((count, joints))
+    held = rigid_efforts(arm, JointMotion(q, still, still, up=stand.up))
+    np.testing.assert_allclose(held, holding_efforts(arm, q, -stand.up), atol=1e-12)
+    upright = rigid_efforts(arm, JointMotion(q, still, still))
+    assert np.abs(held - upright)[:, 1].max() > 0.2
+
+
+def test_an_arm_of_a_rig_stands_as_the_rig_has_it() -> None:
+    alone = standing_arm("psm_si", base_rpy=(np.radians(-45.0), 0.0, 0.0))
+    np.testing.assert_allclose(standing_arm(None, rig="psm_si").up, alone.up, atol=1e-12)
+    # setup joints turn about the vertical alone, up to the mounting pitch
+    for name, lean in (("PSM1", -45.0), ("PSM2", -45.0), ("PSM3", -15.0), ("ECM", -70.0)):
+        up = standing_arm(name, rig="full_cart_si").up
+        angle = np.radians(lean)
+        np.testing.assert_allclose(up, [0.0, np.sin(angle), np.cos(angle)], atol=1e-9)
+
+
+def test_how_an_arm_stands_is_given_once_and_of_one_arm() -> None:
+    with pytest.raises(InputError, match="got a rotation and a rig"):
+        standing_arm("PSM1", rig="psm", base_rpy=(0.0, 0.0, 0.0))
+    with pytest.raises(InputError, match="has 4 arms; allowed: the name of one of PSM1, PSM2"):
+        standing_arm(None, rig="full_cart_si")
+    with pytest.raises(InputError, match="three finite angles"):
+        standing_arm("psm", base_rpy=(0.0, 0.0))
+    with pytest.raises(UnknownNameError, match="PSM1"):
+        standing_arm("PSM7", rig="psm")
 
 
 def test_parameters_of_a_body_come_back() -> None:

@@ -16,6 +16,7 @@ from trocar.descriptions.calibrated import One, selects_cad
 from trocar.descriptions.rigs import lone_arm_rig
 from trocar.errors import InputError, LogError
 from trocar.robot.recordings import ArmMotion, ReadSettings, read_arm_motion, recorded_joints
+from trocar.robot.standing import standing_arm
 from trocar.simulation import World
 
 Array = NDArray[np.float64]
@@ -44,6 +45,7 @@ class ReplaySettings:
         tool: the mounted tool, the arm's default when omitted
         calibration: overlays of the arm, or their paths, or "cad" for the description's masses;
             None: the nominal arm with identified dynamics
+        rig, base_rpy: how the arm stands, as for `standing_arm`
     """
 
     mode: ReplayMode = "position"
@@ -53,6 +55,8 @@ class ReplaySettings:
     reading: ReadSettings = field(default_factory=ReadSettings)
     tool: str | None = None
     calibration: One | Sequence[One] | None = None
+    rig: str | Path | None = None
+    base_rpy: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -89,7 +93,7 @@ class ReplayReport:
 
 def replay(
     log: str | Path,
-    arm: str | Path = "psm",
+    arm: str | Path | None = "psm",
     settings: ReplaySettings | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> ReplayReport:
@@ -102,7 +106,7 @@ def replay(
 
     Args:
         log: as for `read_arm_motion`
-        arm: a built-in arm, or the path of a description
+        arm: a built-in arm, or the path of a description; with `settings.rig`, an arm of that rig
         settings: the defaults when omitted
         progress: called with (rows done, rows) now and then
 
@@ -113,12 +117,15 @@ def replay(
         DivergedError: the simulation left the finite numbers
     """
     how = settings or ReplaySettings()
-    described = load_arm(arm, how.tool, how.calibration)
+    stand = standing_arm(arm, how.tool, how.rig, how.base_rpy)
+    described = stand.arm
+    if how.calibration is not None:
+        described = load_arm(described.file, described.tool or "none", how.calibration)
     if described.type not in ("PSM", "ECM", "MTM"):
         raise InputError(
             f"{described.name}: got arm type {described.type}; allowed: PSM, ECM or MTM"
         )
-    rig = lone_arm_rig(described)
+    rig = lone_arm_rig(described, stand.turn)
     dynamics = "cad" if selects_cad(how.calibration) else None
     world = World(rig, control=how.control, friction=how.friction, dynamics=dynamics)
     motion = read_arm_motion(log, described, how.reading)

@@ -126,7 +126,10 @@ def _longest(time: Array) -> tuple[int, int]:
 
 def _arms_of(file: Path) -> list[str]:
     """Return the names of the arms in a file."""
-    names: list[str] = _parquet().read_schema(file).names
+    try:
+        names: list[str] = _parquet().read_schema(file).names
+    except (OSError, ValueError) as problem:  # pyarrow's errors are of both
+        raise LogError(str(file), f"cannot be read: {problem}") from problem
     if SURGSYNC_TIME in names and "measured_js.position" in names:
         return [file.stem]
     parts = [name.split(".") for name in names if name.startswith("observation.state.")]
@@ -146,19 +149,20 @@ def _column(table: Any, file: Path, name: str, size: int) -> Array:
         raise LogError(
             str(file), f"lacks column {name}; allowed: joint positions, velocities and efforts"
         )
-    values: list[Any] = table.column(name).to_pylist()
     width = max(size, 1)
-    lists = [v if isinstance(v, list) else [v] * (v is not None) for v in values]
-    for number, one in enumerate(cast("list[list[float | None]]", lists), 1):
-        if one and len(one) != width:
+    rows: list[list[float]] = []
+    for number, value in enumerate(cast("list[Any]", table.column(name).to_pylist()), 1):
+        numbers = cast("list[float | None]", value if isinstance(value, list) else [value])
+        if value is None or not numbers:
+            numbers = [None] * width
+        if len(numbers) != width:
             raise LogError(
                 str(file),
-                f"{name}: got {len(one)} numbers; allowed: {width} (another arm?)",
+                f"{name}: got {len(numbers)} numbers; allowed: {width} (another arm?)",
                 number,
             )
-    return np.array(
-        [[np.nan if v is None else float(v) for v in one] or [np.nan] * width for one in lists]
-    )
+        rows.append([np.nan if one is None else float(one) for one in numbers])
+    return np.array(rows).reshape(len(rows), width)
 
 
 def _parquet() -> Any:

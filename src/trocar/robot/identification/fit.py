@@ -180,7 +180,7 @@ class Identified:
         dynamics: the same as bodies and drivetrains
         base: what the logs determine
         logs: files
-        kept: {joint: why its numbers are the description's}
+        kept: {joint: the reason to keep the numbers of the description}
     """
 
     model: EffortModel
@@ -217,13 +217,13 @@ class Identified:
 
 @dataclass(frozen=True, eq=False)
 class FitProblem:
-    """What logs are to identify.
+    """Parameters that logs identify, and the rows of their regression.
 
     Attributes:
         model: the parameters
-        parts: regressor (k, n, p) and efforts (k, n) of each log, filtered; 0 in columns that say
-            nothing: without recorded efforts, or whose joint or motor stands still
-        kept: {joint: why its drivetrains stay as described}
+        parts: regressor (k, n, p) and efforts (k, n) of each log, filtered; 0 in columns that leave
+            the fit: without recorded efforts, or whose joint or motor stands still
+        kept: {joint: the reason to keep its drivetrains as described}
         trains: the drivetrains of these
     """
 
@@ -240,7 +240,7 @@ def fit_problem(
     keep: Sequence[str] = (),
     watch: Callable[[str], None] = lambda _: None,
 ) -> FitProblem:
-    """Return what logs can identify of an arm, and the rows of the regression.
+    """Set up the regression of the parameters that logs can identify.
 
     Args:
         logs: filtered alike, of the same joints
@@ -269,7 +269,8 @@ def fit_problem(
         why = "; ".join(f"{name} {text}" for name, text in reasons[0].items())
         raise LogError(
             ", ".join(log.log.file for log in logs),
-            f"says nothing of the arm ({why}); allowed: a joint that moves with recorded efforts",
+            f"determines nothing of the arm ({why}); allowed: a joint that moves with recorded"
+            " efforts",
         )
     kept: dict[str, str] = {}
     for k, joint in enumerate(names):
@@ -307,7 +308,7 @@ def fit_problem(
 
 
 def _unused(log: FilteredLog, arm: ArmDescription, keep: Sequence[str]) -> dict[str, str]:
-    """Return the columns that say nothing, and why."""
+    """Return the columns that leave the fit, and the reason of each."""
     one = log.log
     silent = dict.fromkeys(one.silent, "has no recorded efforts")
     still = {} if one.poses else dict.fromkeys(one.still(arm), "did not move")
@@ -331,7 +332,7 @@ def identify(
     Minimises the squared errors of the efforts, relative to each column's RMS over all logs, with
     every body's pseudo-inertia positive semidefinite, its centre of mass in its hull, its mass and
     second moments within their bounds, and friction that dissipates. A column without recorded
-    efforts, or that stands still, leaves the fit; drivetrains of joints that nothing is known of
+    efforts, or that stands still, leaves the fit; drivetrains of joints without a column in it
     stay as described, and poses at rest identify bodies alone.
 
     Args:
@@ -428,7 +429,7 @@ def _undetermined(
             continue
         rows = matrix[:, k]
         variances = cast("Array", np.sum(rows @ found.covariance * rows, axis=1))
-        ratio = float(np.sqrt(np.mean(variances)) / efforts[k])
+        ratio = float(np.sqrt(np.mean(np.maximum(variances, 0.0))) / efforts[k])
         if ratio > EXCITED:
             own = np.sqrt(cast("Array", np.mean(rows**2, axis=0))) * found.sigma
             worst: list[int] = np.argsort(-own)[:NAMED].tolist()
@@ -448,7 +449,7 @@ def effort_scale(parts: Sequence[tuple[Array, Array]], logs: Sequence[FilteredLo
 def _filled(part: tuple[Array, Array]) -> NDArray[np.bool_]:
     """Return the columns of a regression that have rows, (n,)."""
     matrix, target = part
-    return matrix.any(axis=(0, 2)) | target.any(axis=0)
+    return np.asarray(matrix.any(axis=(0, 2)) | target.any(axis=0), np.bool_)
 
 
 def reweighted(

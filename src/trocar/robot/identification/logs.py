@@ -15,7 +15,7 @@ from trocar.descriptions import ArmDescription
 from trocar.descriptions.overlay_records import FilterSettings
 from trocar.errors import InputError, LogError, TrocarError
 from trocar.recording import Recorded, is_recording, open_recording
-from trocar.robot.identification.episodes import episode_rows, is_episode
+from trocar.robot.identification.episodes import episode_arms, episode_rows, is_episode
 from trocar.robot.identification.rigid_body import UPRIGHT, JointMotion
 from trocar.robot.recordings import ReadSettings, read_arm_motion, recorded_joints
 from trocar.robot.recordings.arm_motion import ArmMotion, check_rows, derivative
@@ -100,7 +100,8 @@ class Log:
 
     def still(self, arm: ArmDescription) -> tuple[str, ...]:
         """Return the columns that do not move."""
-        return self._still(arm, np.linalg.inv(self.joint_from_column), self.columns)
+        column_from_joint = cast("Array", np.linalg.inv(self.joint_from_column))
+        return self._still(arm, column_from_joint, self.columns)
 
     def still_joints(self, arm: ArmDescription) -> tuple[str, ...]:
         """Return the joints that do not move."""
@@ -180,6 +181,10 @@ def log_kind(
         rest, or rows of numbers
     """
     if not is_recording(path) and is_episode(path):
+        try:
+            episode_arms(path)
+        except LogError:
+            return "table"
         return "episode"
     kind = recording_kind(path)
     return "poses" if kind == "rows" and _has_poses(path) else kind
@@ -377,8 +382,8 @@ def _recorded_up(recorded: Recorded, name: str) -> Array:
     except TrocarError as problem:
         raise LogError(
             recorded.file,
-            f"its rig cannot be read, which says how {name} stands ({problem}); allowed: name the"
-            " rig, or the rotation of the base",
+            f"its rig, on which the direction of gravity in {name} depends, cannot be read"
+            f" ({problem}); allowed: name the rig, or the rotation of the base",
         ) from problem
 
 

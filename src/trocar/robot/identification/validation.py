@@ -85,12 +85,12 @@ def cross_validate(
 ) -> Score:
     """Return the errors at samples whose block of the phase was held out of the identification.
 
-    All repeats of a block are held out together, with a gap on both sides. Only columns that
-    `identify` fits have errors; `keep` names joints to leave as described.
+    All repeats of a block are held out together, with a gap on both sides. Columns that
+    `identify` leaves out have no relative error; `keep` names joints to leave as described.
     """
     problem = fit_problem([log], arm, keep=keep)
     model, ((matrix, target),) = problem.model, problem.parts
-    fitted = matrix.any(axis=(0, 2))
+    fitted = np.asarray(matrix.any(axis=(0, 2)), np.bool_)
     bounds = all_bounds(arm, model.frames, mass_ratios)
     effort = log.cut(log.effort)
     length = period(log)
@@ -103,7 +103,9 @@ def cross_validate(
         held = (phase >= first) & (phase < last)
         beside = (phase - (first - gap)) % length < last - first + 2 * gap
         part = matrix[~beside], target[~beside]
-        found = reweighted(model, bounds, [part], [log])
-        predicted[held] = (effort - target)[held] + matrix[held] @ found.parameters
-    names = [name for name, one in zip(log.log.columns, fitted, strict=True) if one]
-    return score(names, effort[:, fitted], predicted[:, fitted])
+        best = reweighted(model, bounds, [part], [log]).parameters
+        predicted[held] = (effort - target)[held] + matrix[held] @ best
+    found = score(log.log.columns, effort, predicted)
+    errors = found.relative_rms_percent
+    left = zip(errors.items(), fitted.tolist(), strict=True)
+    return Score({name: error if one else None for (name, error), one in left}, found.rms)

@@ -181,9 +181,11 @@ def log_kind(
         rest, or rows of numbers
     """
     if not is_recording(path) and is_episode(path):
+        if Path(path).expanduser().is_dir():
+            return "episode"
         try:
             episode_arms(path)
-        except LogError:
+        except LogError:  # other columns: whatever they are called
             return "table"
         return "episode"
     kind = recording_kind(path)
@@ -225,7 +227,7 @@ def read_motion(
     if kind == "poses":
         rows = _pose_rows(path, arm)
         check_rows(file, 1, rows, arm)
-        return Log(file, 0.0, *_parts(rows), columns, matrix, up=stands, poses=True)
+        return Log(file, USUAL_HZ, *_parts(rows), columns, matrix, up=stands, poses=True)
     if kind == "recording":
         rows, rate_hz, recorded_up = _own_rows(file, arm, name or how.of or "")
         stands = recorded_up if up is None else up

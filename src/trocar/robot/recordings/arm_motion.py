@@ -34,8 +34,6 @@ ALIKE = 0.8
 #: A jump between rows ends a piece: over the velocity limit, and over the joint's range. Source:
 #: our own choice; a lost row is a jump of twice the usual step.
 JUMP_SPEEDS, JUMP_RANGE = 20.0, 0.02
-#: Largest ratio of jumps to rows: more are a wrong rate or unit. Source: our own choice.
-MOST_JUMPS = 0.01
 #: Largest relative difference of steps in time that counts as even. Source: our own choice.
 EVEN_STEPS = 0.01
 

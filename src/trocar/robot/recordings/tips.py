@@ -32,7 +32,7 @@ class TipMotion:
 
     Attributes:
         label: name of the arm in the file
-        times: (k,) [s]
+        times: since the first sample of all arms, (k,) [s]
         positions: in the arm's reference frame, or the frame of recorded poses, (k, 3) [m]
         understood: what was read, in words
     """
@@ -81,7 +81,8 @@ def tip_motions(
         if only is not None:
             raise UnknownNameError("arm", only, list(dict.fromkeys(known)), str(path))
         raise LogError(str(path), "holds neither joints nor tips of an arm")
-    return list(found.values())
+    begin = min(float(motion.times[0]) for motion in found.values())
+    return [replace(motion, times=motion.times - begin) for motion in found.values()]
 
 
 def _fits(label: str, name: str) -> bool:

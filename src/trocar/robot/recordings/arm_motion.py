@@ -248,7 +248,7 @@ def _cut(motion: ArmMotion, arm: ArmDescription) -> ArmMotion:
 
 
 def _jumps(rows: Array, steps: Array, arm: ArmDescription) -> NDArray[np.bool_]:
-    """Return where joints jump between rows farther than the arm moves in a row's time."""
+    """Find jumps of the joints between rows, farther than the arm moves in a row's time."""
     count = rows.shape[2]
     span = (arm.mechanism.upper - arm.mechanism.lower)[:count]
     fastest = np.array([joint.velocity_max for joint in arm.joints[:count]])

@@ -63,7 +63,7 @@ WHATS = ("time", "position", "velocity", "effort", "jaw", "tip", "quaternion", "
 
 
 @dataclass(frozen=True)
-class Place:
+class ScaledColumn:
     """A column of a table, and what brings its numbers to SI units; 0: to be found out."""
 
     column: int
@@ -82,10 +82,10 @@ class ArmPlaces:
     """
 
     label: str
-    position: Mapping[str, Place]
-    velocity: Mapping[str, Place]
-    effort: Mapping[str, Place]
-    tip: Mapping[str, Place]
+    position: Mapping[str, ScaledColumn]
+    velocity: Mapping[str, ScaledColumn]
+    effort: Mapping[str, ScaledColumn]
+    tip: Mapping[str, ScaledColumn]
 
     @property
     def has_tip(self) -> bool:
@@ -97,7 +97,7 @@ class ArmPlaces:
 
 
 @dataclass(frozen=True)
-class Name:
+class ColumnName:
     """A column's name, taken apart.
 
     Attributes:
@@ -136,7 +136,7 @@ def time_scale(name: str) -> float | None:
     return None
 
 
-def taken_apart(name: str, joints: Sequence[str]) -> Name:
+def taken_apart(name: str, joints: Sequence[str]) -> ColumnName:
     """Take a column's name apart.
 
     Args:
@@ -155,7 +155,7 @@ def taken_apart(name: str, joints: Sequence[str]) -> Name:
             quantity = kind if quantity != "other" else quantity
             rest = [word for word in rest if word not in known.split()]
     if joint in ("roll", "pitch", "yaw") and TIP_WORDS & set(words):
-        return Name(arm, setpoint, "other", None, unit)  # angles of the tip's orientation
+        return ColumnName(arm, setpoint, "other", None, unit)  # angles of the tip's orientation
     part = _part(words)
     if joint is None and part is not None and quantity in ("", "position"):
         turn = {"orientation", "rotation", "rot", "quaternion", "quat"}
@@ -169,7 +169,7 @@ def taken_apart(name: str, joints: Sequence[str]) -> Name:
     label = [w for w in rest if not w.isdigit() and w not in PLAIN_WORDS]
     if joint is not None and not quantity:
         quantity = "position"
-    return Name(arm or "_".join(label), setpoint, quantity or "other", joint, unit)
+    return ColumnName(arm or "_".join(label), setpoint, quantity or "other", joint, unit)
 
 
 def find_arms(names: Sequence[str], joints: Sequence[str], has_end: bool) -> list[ArmPlaces]:
@@ -183,7 +183,7 @@ def find_arms(names: Sequence[str], joints: Sequence[str], has_end: bool) -> lis
     Returns:
         arms with the positions of their first joints or the pose of their tip
     """
-    groups: dict[tuple[str, bool], dict[str, dict[str | int, Place]]] = {}
+    groups: dict[tuple[str, bool], dict[str, dict[str | int, ScaledColumn]]] = {}
     for column, name in enumerate(names):
         if is_time(name):
             continue
@@ -193,7 +193,7 @@ def find_arms(names: Sequence[str], joints: Sequence[str], has_end: bool) -> lis
         kind, scale = UNITS.get(one.unit, ("", 0.0))
         scale = scale if kind in ("angle", "length", "effort") else 0.0
         group = groups.setdefault((one.arm, one.setpoint), {})
-        group.setdefault(one.quantity, {}).setdefault(one.joint, Place(column, scale))
+        group.setdefault(one.quantity, {}).setdefault(one.joint, ScaledColumn(column, scale))
     found: dict[str, ArmPlaces] = {}
     for (label, _), group in sorted(groups.items(), key=lambda item: item[0][1]):
         if label in found:
@@ -218,7 +218,7 @@ def lacking(names: Sequence[str], joints: Sequence[str]) -> list[str]:
 
 def chosen_places(
     texts: Sequence[str], names: Sequence[str], width: int, joints: Sequence[str]
-) -> tuple[Place | None, list[ArmPlaces]]:
+) -> tuple[ScaledColumn | None, list[ArmPlaces]]:
     """Return the column of times and those of the arms, as they are given.
 
     Args:
@@ -232,8 +232,8 @@ def chosen_places(
         InputError: a text that is none of these
         UnknownNameError: no such column
     """
-    time: Place | None = None
-    arms: dict[str, dict[str, dict[str, Place]]] = {}
+    time: ScaledColumn | None = None
+    arms: dict[str, dict[str, dict[str, ScaledColumn]]] = {}
     for text in texts:
         match = CHOSEN.fullmatch(text.strip())
         if match is None or match["what"] not in WHATS:
@@ -248,7 +248,7 @@ def chosen_places(
                 raise UnknownNameError("unit", unit, UNITS, "--columns")
         scales = dict(UNITS[unit.lower()] for unit in units)
         if what == "time":
-            time = Place(places[0], scales.get("time", 0.0))
+            time = ScaledColumn(places[0], scales.get("time", 0.0))
             continue
         keys = {
             "position": joints, "velocity": joints, "effort": joints, "jaw": joints[-1:],
@@ -266,7 +266,7 @@ def chosen_places(
         for key, column in zip(keys, places, strict=False):
             length = key in PARTS[:3] or key == "insertion"
             kind = "effort" if what == "effort" else "length" if length else "angle"
-            group.setdefault(quantity, {})[key] = Place(column, scales.get(kind, 0.0))
+            group.setdefault(quantity, {})[key] = ScaledColumn(column, scales.get(kind, 0.0))
     return time, [
         ArmPlaces(label, *(group.get(k, {}) for k in ("position", "velocity", "effort", "tip")))
         for label, group in arms.items()
@@ -320,8 +320,10 @@ def choose_arm(file: str, labels: Iterable[str], name: str, kind: str, of: str |
     raise LogError(file, f"holds {len(known)} arms; select one with --of: {', '.join(known)}")
 
 
-def _by_joint(given: Mapping[str | int, Place], joints: Sequence[str]) -> dict[str, Place]:
-    """Name numbered joints, which count from 0 or 1."""
+def _by_joint(
+    given: Mapping[str | int, ScaledColumn], joints: Sequence[str]
+) -> dict[str, ScaledColumn]:
+    """ColumnName numbered joints, which count from 0 or 1."""
     named = {joint: given[joint] for joint in joints if joint in given}
     numbers = sorted(k for k in given if isinstance(k, int))
     if numbers and numbers[0] in (0, 1) and len(numbers) <= len(joints):

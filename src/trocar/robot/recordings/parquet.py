@@ -83,7 +83,7 @@ def read_parquet(path: str | Path, episode: int | None = None) -> NumberTable:
 def _rows_of(
     file: str, columns: Mapping[str, NDArray[Any]], episode: int | None
 ) -> NDArray[np.bool_]:
-    """Return which rows are those of an episode."""
+    """Find the rows of an episode."""
     numbers = columns.get(EPISODE)
     count = len(next(iter(columns.values())))
     if numbers is None:

@@ -21,7 +21,7 @@ from trocar.robot.recordings.columns import (
     FEWEST_JOINTS,
     UNITS,
     ArmPlaces,
-    Place,
+    ScaledColumn,
     choose_arm,
     chosen_places,
     find_arms,
@@ -65,7 +65,7 @@ ALIKE = 0.5
 
 @dataclass(frozen=True)
 class ReadSettings:
-    """How to read a recording.
+    """Settings for reading a recording.
 
     Attributes:
         rate_hz: of rows without times [Hz]; of motions with times the rate that they are read at
@@ -214,7 +214,7 @@ def _table(path: str | Path, how: ReadSettings) -> NumberTable:
 
 def _places(
     table: NumberTable, arm: ArmDescription, how: ReadSettings
-) -> tuple[Place | None, list[ArmPlaces]]:
+) -> tuple[ScaledColumn | None, list[ArmPlaces]]:
     """Return the column of times that is given, and the columns of each arm."""
     joints, width = recorded_joints(arm), table.values.shape[1]
     if how.columns:
@@ -226,9 +226,9 @@ def _places(
 
 def _jigsaws(k: int, label: str, joints: Sequence[str], arm: ArmDescription) -> ArmPlaces:
     first = 19 * k
-    tip = {part: Place(first + i) for i, part in enumerate("xyz")}
-    tip |= {f"r{i}": Place(first + 3 + i) for i in range(9)}
-    jaw = {joints[-1]: Place(first + 18)} if arm.has_jaw else {}
+    tip = {part: ScaledColumn(first + i) for i, part in enumerate("xyz")}
+    tip |= {f"r{i}": ScaledColumn(first + 3 + i) for i in range(9)}
+    jaw = {joints[-1]: ScaledColumn(first + 18)} if arm.has_jaw else {}
     return ArmPlaces(label, jaw, {}, {}, tip)
 
 
@@ -355,7 +355,7 @@ def _tips(table: NumberTable, how: ReadSettings, places: ArmPlaces) -> Array:
     return found
 
 
-def _values(table: NumberTable, place: Place, how: ReadSettings, kind: str) -> Array:
+def _values(table: NumberTable, place: ScaledColumn, how: ReadSettings, kind: str) -> Array:
     """Return a column in SI units.
 
     Args:
@@ -375,7 +375,7 @@ def _values(table: NumberTable, place: Place, how: ReadSettings, kind: str) -> A
 
 
 def _units(text: str | None) -> Mapping[str, float]:
-    """Return what brings angles and lengths without a unit to SI."""
+    """Return the factors that bring angles and lengths without a unit to SI."""
     found: dict[str, float] = {}
     for word in re.split(r"[/, ]+", text) if text else ():
         kind, scale = UNITS.get(word.lower(), ("", 0.0))
@@ -386,7 +386,7 @@ def _units(text: str | None) -> Mapping[str, float]:
     return found
 
 
-def _times(table: NumberTable, place: Place | None, how: ReadSettings) -> tuple[Array, bool]:
+def _times(table: NumberTable, place: ScaledColumn | None, how: ReadSettings) -> tuple[Array, bool]:
     """Return the times of the rows [s], and whether the file has them."""
     names = [name.strip() for name in table.names]
     lower = [name.lower() for name in names]
@@ -408,13 +408,13 @@ def _times(table: NumberTable, place: Place | None, how: ReadSettings) -> tuple[
         stamps = [k for k in known if "stamp" in lower[k] and "header" in lower[k]]
         if known:
             column = (stamps or known)[0]
-            place = Place(column, time_scale(names[column]) or 0.0)
+            place = ScaledColumn(column, time_scale(names[column]) or 0.0)
     if place is None:
         rate = how.rate_hz or (JIGSAWS_HZ if table.values.shape[1] == JIGSAWS else 0.0)
         if not rate:
             raise InputError(f"{table.file}: has no times; give the rate of its rows, --rate HZ")
         return np.arange(len(table.values)) / rate, False
-    times = _values(table, Place(place.column, 1.0), how, "")
+    times = _values(table, ScaledColumn(place.column, 1.0), how, "")
     steps = np.diff(times[np.isfinite(times)])
     usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
     if not usual > 0.0 and len(steps):
@@ -471,7 +471,7 @@ def _bare_motion(
     slides = np.array([joint.kind == "prismatic" for joint in arm.joints[: len(joints)]])
     rows[:, :2] *= np.where(slides, units.get("m", 1.0), units.get("rad", 1.0))
     if timed:
-        times, _ = _times(table, Place(0, 0.0), how)
+        times, _ = _times(table, ScaledColumn(0, 0.0), how)
     else:
         if how.rate_hz is None and parts == 1:
             raise InputError(f"{table.file}: has no times; give the rate of its rows, --rate HZ")

@@ -14,6 +14,7 @@ from trocar.descriptions import load_arm
 from trocar.errors import InputError, LogError, UnknownNameError
 from trocar.kinematics.chain_pose import chain_pose
 from trocar.robot.recordings import ReadSettings, read_arm_motion, tip_motions
+from trocar.robot.recordings.columns import taken_apart
 
 Array = NDArray[np.float64]
 PSM = load_arm("psm")
@@ -337,3 +338,28 @@ def test_a_dataset_is_read_episode_by_episode(tmp_path: Path) -> None:
     file.write_bytes(file.read_bytes()[:200])
     with pytest.raises(LogError, match="cannot be read as Parquet"):
         read_arm_motion(tmp_path, PSM, ReadSettings(episode=1))
+
+
+@pytest.mark.parametrize(
+    ("name", "found"),
+    [
+        ("PSM1_joint_3", ("PSM1", False, "position", 3)),
+        ("measured_q2", ("", False, "position", 2)),
+        ("setpoint_q2", ("", True, "position", 2)),
+        ("psm2.outer_wrist_yaw.vel", ("PSM2", False, "velocity", "wrist_yaw")),
+        ("PSM1_ee_yaw", ("PSM1", False, "other", None)),
+        ("PSM1_orientation_matrix_[2,3]", ("PSM1", False, "tip", "r5")),
+        ("SLAVE_LEFT_ROT_R12", ("slave_left", False, "tip", "r1")),
+        ("SLAVE_LEFT_LIN_VEL_X", ("slave_left_lin_x", False, "velocity", None)),
+        ("psm1_pose.orientation.w", ("PSM1", False, "tip", "qw")),
+        ("MTML_1", ("MTML", False, "position", 1)),
+        ("observation.state PSM1.jaw", ("PSM1", False, "position", "jaw")),
+        ("action PSM1.jaw", ("PSM1", True, "position", "jaw")),
+        ("Frame Number", ("number", False, "other", None)),
+    ],
+)
+def test_names_of_public_recordings_are_taken_apart(
+    name: str, found: tuple[str, bool, str, str | int | None]
+) -> None:
+    one = taken_apart(name, JOINTS)
+    assert (one.arm, one.setpoint, one.quantity, one.joint) == found

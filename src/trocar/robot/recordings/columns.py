@@ -323,7 +323,7 @@ def choose_arm(file: str, labels: Iterable[str], name: str, kind: str, of: str |
 def _by_joint(
     given: Mapping[str | int, ScaledColumn], joints: Sequence[str]
 ) -> dict[str, ScaledColumn]:
-    """ColumnName numbered joints, which count from 0 or 1."""
+    """Name numbered joints, which count from 0 or 1."""
     named = {joint: given[joint] for joint in joints if joint in given}
     numbers = sorted(k for k in given if isinstance(k, int))
     if numbers and numbers[0] in (0, 1) and len(numbers) <= len(joints):

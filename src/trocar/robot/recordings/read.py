@@ -110,7 +110,7 @@ def recording_kind(path: str | Path) -> Kind:
         return "recording"
     if is_bag(path):
         return "bag"
-    return "table" if read_table(path).names else "rows"
+    return "table" if read_table(path, most_rows=1).names else "rows"
 
 
 def read_arm_motion(

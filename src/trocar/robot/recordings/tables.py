@@ -61,12 +61,16 @@ class NumberTable:
     notes: tuple[str, ...] = ()
 
 
-def read_table(path: str | Path) -> NumberTable:
+def read_table(path: str | Path, most_rows: int | None = None) -> NumberTable:
     """Read a text file of numbers.
 
     Commas, semicolons (then with decimal commas), tabs or spaces separate fields. Lines that begin
     with #, % or // are comments; one of them with as many fields as the rows is the header, and so
     is a first row with words. A row that breaks off at the end of the file is left out.
+
+    Args:
+        path: the file
+        most_rows: rows to read; all of them when omitted
 
     Raises:
         LogError: no such file, truncated, no text, or rows of different lengths; the row is named
@@ -114,6 +118,8 @@ def read_table(path: str | Path) -> NumberTable:
             values.append(value)
         rows.append(values)
         numbers.append(number)
+        if len(rows) == most_rows:
+            break
     if rows and not header and split is not None:
         fitting = [c for c in comments if len(split(c)) == len(rows[0]) > 1]
         header = tuple(split(fitting[-1])) if fitting else ()

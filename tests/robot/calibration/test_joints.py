@@ -50,6 +50,15 @@ def test_exact_tracks_give_the_robot(name: str):
     assert last_link(mine, robot) < 1e-8
 
 
+def test_exact_tracks_of_an_endoscope_arm_of_an_si_give_it_to_micrometres():
+    robot, tracks, truth = take("ecm_si", 3)
+    found = measured("ecm_si", tracks)
+    assert max(abs(error) for error, _ in errors(found, truth)) < 1e-9
+    mine = apply_overlay(load_arm("ecm_si"), found.overlay)
+    # where the axis of a slide lies is not seen
+    assert last_link(mine, robot) < 1e-5 < 1e-3 < last_link(load_arm("ecm_si"), robot)
+
+
 def test_noise_is_within_its_intervals_and_the_tip_ten_times_nearer():
     noise = replace(NOISE, dropout=0.05, outliers=0.01)
     robot, tracks, truth = take("suj_psm1", 1, noise)

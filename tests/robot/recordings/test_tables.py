@@ -363,3 +363,13 @@ def test_names_of_public_recordings_are_taken_apart(
 ) -> None:
     one = taken_apart(name, JOINTS)
     assert (one.arm, one.setpoint, one.quantity, one.joint) == found
+
+
+def test_a_header_over_groups_of_columns_numbers_them(tmp_path: Path) -> None:
+    time, q, _ = motion()
+    header = ["t", "tracker positions", "", "", "dvrk cartesian positions", "", ""]
+    header += ["dvrk joint positions", *[""] * 6]
+    table = np.column_stack([time, np.zeros((len(q), 6)), q])
+    for names in (header, header[:8]):
+        path = csv(tmp_path / "log.csv", names, table)
+        np.testing.assert_allclose(read_arm_motion(path, PSM).rows[:, 0], q, atol=1e-9)

@@ -166,6 +166,8 @@ def taken_apart(name: str, joints: Sequence[str]) -> ColumnName:
     numbers = [word for word in rest if word.isdigit()]
     if joint is None and numbers:
         joint = int(numbers[-1])
+    if isinstance(joint, int) and TIP_WORDS & set(words):
+        return ColumnName(arm, setpoint, "other", None, unit)  # a vector of the tip's pose
     label = [w for w in rest if not w.isdigit() and w not in PLAIN_WORDS]
     if joint is not None and not quantity:
         quantity = "position"
@@ -204,10 +206,12 @@ def find_arms(names: Sequence[str], joints: Sequence[str], has_end: bool) -> lis
         }
         tip = {str(k): place for k, place in group.get("tip", {}).items()}
         one = ArmPlaces(label, named["position"], named["velocity"], named["effort"], tip)
-        own = joints[: len(joints) - has_end][:FEWEST_JOINTS]
-        if all(joint in one.position for joint in own) or one.has_tip:
+        first = joints[: len(joints) - has_end][:FEWEST_JOINTS]
+        if all(joint in one.position for joint in first) or one.has_tip:
             found[label] = one
-    return list(found.values())
+    own = joints[: len(joints) - has_end]
+    whole = [one for one in found.values() if one.has_tip or all(j in one.position for j in own)]
+    return whole or list(found.values())
 
 
 def lacking(names: Sequence[str], joints: Sequence[str]) -> list[str]:

@@ -123,10 +123,12 @@ def read_table(path: str | Path, most_rows: int | None = None) -> NumberTable:
     if rows and not header and split is not None:
         fitting = [c for c in comments if len(split(c)) == len(rows[0]) > 1]
         header = tuple(split(fitting[-1])) if fitting else ()
-    if header and rows and len(header) != len(rows[0]):
-        raise LogError(
-            file, f"the header has {len(header)} columns; its first row has {len(rows[0])}", 1
-        )
+    if header and rows:
+        if len(header) > len(rows[0]):
+            raise LogError(
+                file, f"the header has {len(header)} columns; its first row has {len(rows[0])}", 1
+            )
+        header = _grouped([*header, *[""] * (len(rows[0]) - len(header))])
     notes = (f"row {short[0]} breaks off and was left out",) if short else ()
     values_of = np.array(rows, np.float64) if rows else np.zeros((0, len(header)))
     return NumberTable(file, header, values_of, np.array(numbers, np.int64), texts, holes, notes)
@@ -175,6 +177,17 @@ def _spread(fields: list[str], header: tuple[str, ...]) -> tuple[list[str], tupl
             name = header[place]
             names += [f"{name}[{k}]" for k in range(len(inside))] if found else [name]
     return spread, tuple(names) if same else header
+
+
+def _grouped(names: Sequence[str]) -> tuple[str, ...]:
+    """Number the columns of a name that blank ones follow: "q", "" become "q[0]", "q[1]"."""
+    found: list[str] = []
+    name, count = "", 0
+    for place, text in enumerate(names):
+        name, count = (text, 0) if text else (name, count + 1)
+        group = not text or (place + 1 < len(names) and not names[place + 1])
+        found.append(f"{name}[{count}]" if name and group else text)
+    return tuple(found)
 
 
 def _is_number(text: str) -> bool:

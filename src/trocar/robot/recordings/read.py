@@ -56,6 +56,9 @@ JIGSAWS_ARMS = ("master_left", "master_right", "slave_left", "slave_right")
 RATES_HZ = 2.0, 10_000.0
 #: Largest position of a tip [m]. Source: our own choice; a PSM reaches 0.3 m.
 FARTHEST_M = 2.0
+#: Position [m] and part of a rotation beyond which a pose is a row without one. Source: our own
+#: choice; a part of a rotation is 1 at most.
+MOST_M, MOST_TURN = 1e3, 2.0
 #: Largest ratio of poses out of an arm's reach, which are left out. Source: our own choice.
 MOST_MISSED = 0.1
 #: Least correlation of a joint's velocities with differences of its positions. Source: our own
@@ -350,7 +353,8 @@ def _tips(table: NumberTable, how: ReadSettings, places: ArmPlaces) -> Array:
     parts = ("qw", "qx", "qy", "qz") if "qw" in places.tip else tuple(f"r{k}" for k in range(9))
     turn = np.stack([_values(table, places.tip[part], how, "") for part in parts], axis=1)
     found = np.full((len(p), 4, 4), np.nan)
-    for k in np.flatnonzero(np.isfinite(np.hstack([p, turn])).all(axis=1)).tolist():
+    near = (np.abs(p) < MOST_M).all(axis=1) & (np.abs(turn) < MOST_TURN).all(axis=1)
+    for k in np.flatnonzero(near).tolist():
         found[k] = pose_from_numbers(table.file, f"row {table.rows[k]}", p[k], turn[k])
     return found
 

@@ -74,7 +74,7 @@ HOMES = {
     "stable_baselines3": ("learning",),
     "torch": ("learning",),
     "safetensors": ("learning",),
-    "pyarrow": ("learning", "robot/identification/episodes"),
+    "pyarrow": ("learning", "robot/identification/episodes", "robot/recordings/parquet"),
     "mujoco_warp": ("learning",),
     "warp": ("learning",),
     "rospy": ("ros/transports/ros1",),

@@ -31,11 +31,11 @@ from trocar.robot.calibration.touches import read_touches
 from trocar.robot.dvrk_config import import_dvrk
 from trocar.robot.follow import open_bag
 from trocar.robot.identification.logs import read_motion
-from trocar.robot.logs import read_log, recorded_joints
 from trocar.robot.mocap import MocapSettings, simulate_tracks, write_tracks
 from trocar.robot.mocap.touches import TouchSettings, write_touches
 from trocar.robot.mocap.view_files import write_views
 from trocar.robot.mocap.views import ViewSettings
+from trocar.robot.recordings import read_arm_motion, recorded_joints
 from trocar.robot.samples import write_samples
 from trocar.simulation import World
 from trocar.tasks.scoring import score_recording
@@ -187,7 +187,7 @@ def written(folder: Path) -> list[tuple[Path, Read]]:
         add(name, _imported, lambda file, text=text: file.write_text(text))
     readers: dict[str, Read] = {
         ".urdf": lambda file, out: import_file(file, out / "made"),
-        ".csv": lambda file, _: read_log(file, psm),
+        ".csv": lambda file, _: read_arm_motion(file, psm),
         ".bag": lambda file, _: open_bag(file),
     }
     for path in sorted(p for p in given.iterdir() if p.suffix in readers):

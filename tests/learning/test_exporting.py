@@ -15,7 +15,7 @@ from trocar.learning.lerobot import open_dataset
 from trocar.recording import record
 from trocar.recording.bags import JointSamples, open_bag, write_joint_states
 from trocar.robot.follow import ReplaySettings, replay
-from trocar.robot.logs import read_bag
+from trocar.robot.recordings import ReadSettings, read_arm_motion
 from trocar.simulation import World
 from trocar.tasks import make_task
 
@@ -64,11 +64,11 @@ def test_what_is_collected_imported_and_replayed_moves_the_arm_to_the_same_joint
     assert [path.name for path in files] == ["episode_000000.mcap", "episode_000001.mcap"]
     data = open_dataset(tmp_path / "data")
     for k, path in enumerate(files):
-        recorded, _ = read_bag(path, load_arm("psm"), 50.0)
+        recorded = read_arm_motion(path, load_arm("psm")).rows
         q = data.rows(k)["observation.joints"]
         assert recorded[:, 0] == pytest.approx(q.astype(float), abs=1e-9)
-        report = replay(path, "psm", ReplaySettings(topic="/PSM1/measured_js"))
-        assert (report.clipped, report.samples) == (0, 4 * len(q) - 3)
+        report = replay(path, "psm", ReplaySettings(reading=ReadSettings(of="PSM1")))
+        assert (report.clipped, report.samples, report.rate_hz) == (0, len(q), 50.0)
         # servos lag by some milliseconds: 5 mrad at 0.5 rad/s, 1 mm at 0.1 m/s
         assert all(error < 0.01 for error in report.tracking_rms.values())
         assert report.tracking_rms["insertion"] < 1e-3

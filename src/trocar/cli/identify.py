@@ -2,19 +2,21 @@
 
 Masses, centres of mass and inertias of the closed-loop mechanism, friction with pre-sliding
 hysteresis, rotors, springs and cables are fitted by convex optimisation, such that every body is
-physically possible. The output is an overlay for --dynamics. LOG is a CSV file as for `trocar
-replay`, a CSV file with header (time, JOINT_position, JOINT_velocity, JOINT_effort), a bag, or a
-recording of a simulation. See docs/dynamics.md.
+physically possible. The output is an overlay for --dynamics. LOG is a recording with efforts as for
+`trocar replay`, or a recording of a simulation. See docs/dynamics.md and docs/recordings.md.
 """
 
 from __future__ import annotations
 
 import math
+import sys
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from trocar.cli.arguments import add_json, add_overwrite, allow, options
+from trocar.cli.arguments import add_json, add_overwrite, options
 from trocar.cli.output import print_result, progress_steps, table
+from trocar.cli.reading import add_reading, allow_reading, read_settings
 
 if TYPE_CHECKING:
     from trocar.cli.arguments import Arguments
@@ -61,16 +63,11 @@ def add_log(parser: Arguments) -> None:
                                      an arm of that rig (default: psm; with --rig its only one)
         --tool TOOL                  built-in tool or TOML file (default: the tool of the arm's
                                      description)
-        --rate HZ:number = 200       sample rate of a CSV log without header; bags are resampled to
-                                     it
-        --wrist motor|joint = motor  CSV log without header: side of the coupling on which a PSM's
-                                     wrist and jaw, or an MTM's joints 2 to 4, were recorded
-        --topic TOPIC                bag: topic of joint states (default: the only one that fits the
-                                     arm)
         --cutoff HZ:number           cut-off of the zero-phase filters (default: 16.96 for a PSM,
                                      5.65 for an MTM, a fifth of the rate of a slow log)
     """)  # fmt: skip
     add_standing(parser)
+    add_reading(parser)
 
 
 def add_standing(parser: Arguments) -> None:
@@ -95,9 +92,7 @@ def log_settings(args: Namespace) -> LogSettings:
     """Return the settings from the options of `add_log`."""
     from trocar.robot.identification import LogSettings
 
-    return LogSettings(
-        args.tool, args.rate, args.wrist, args.topic, args.cutoff, args.rig, args.base_rpy
-    )
+    return LogSettings(args.tool, read_settings(args), args.cutoff, args.rig, args.base_rpy)
 
 
 def angles(text: str) -> tuple[float, float, float]:
@@ -118,13 +113,14 @@ def allow_log(args: Namespace, *files: str) -> None:
     """
     from trocar.robot.identification import log_kind
 
-    kinds = {log_kind(file) for file in files}
-    if "bag" not in kinds:
-        allow(args, "with a bag", "topic")
-    if "rows" not in kinds:
-        allow(args, "with a CSV log without header", "wrist")
-        if "bag" not in kinds:
-            allow(args, "with a CSV log without header, or a bag", "rate")
+    allow_reading(args, {str(log_kind(file)) for file in files})
+
+
+def report_read(logs: Sequence[Log]) -> None:
+    """Print what was understood of logs on stderr."""
+    for log in logs:
+        if log.understood:
+            print(log.understood, file=sys.stderr)
 
 
 def weight(text: str) -> tuple[float, str, tuple[float, float, float]]:
@@ -199,6 +195,7 @@ def run(args: Namespace) -> int:
         held_out = None
         if args.cross_validate:
             held_out = cross_validate(logs[0], arm, args.mass_bounds, watch, args.keep)
+    report_read(read)
     document = _document(found, scored, held_out, args.output)
     write_overlay(args.output, overlay, overwrite=args.overwrite)
     if args.report is not None:

@@ -8,8 +8,9 @@ viewer and the lag of each arm reported. See docs/follow.md.
 from __future__ import annotations
 
 import sys
-from argparse import ArgumentParser, Namespace
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from contextlib import ExitStack, closing, suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import (
@@ -46,17 +47,23 @@ def add_arguments(parser: ArgumentParser) -> None:
         --ros1           robot on ROS 1 (rospy)
         --ros2           robot on ROS 2 (extra ros2)
         --websocket URL  robot behind rosbridge, e.g. ws://127.0.0.1:9090
-        --bag FILE       recording: rosbag 1, rosbag 2 or MCAP file
+        --bag FILE       recording: rosbag 1, rosbag 2 or MCAP file, or a table of numbers with the
+                         names of its arms (docs/recordings.md)
     """)  # fmt: skip
     add_rig(parser)
     add_calibrations(parser)
     options(parser, """
         --arms ARM,...        arms to mirror (default: all with topics in the source)
+        --topic ARM=TOPIC:topic ...  topic of the joint states of ARM (repeatable; default: by its
+                              name)
+        --jaw ARM=TOPIC:topic ...  topic of the jaw or gripper of ARM (repeatable; default: by its
+                              name)
+        --rate HZ:number      rate of a table without times
         --by set|servo = set  set joint positions, or command them as servo set-points
         --duration S:number   stop after S seconds
         --speed realtime|max  playback speed of a bag (default: realtime with the web viewer, else
                               max)
-    """)  # fmt: skip
+    """, topic=arm_topic)  # fmt: skip
     add_json(parser)
     add_record(parser)
     viewer = parser.add_argument_group("web viewer and clients")
@@ -69,6 +76,14 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_origin(viewer)
     cameras = parser.add_argument_group("cameras")
     add_cameras(cameras)
+
+
+def arm_topic(text: str) -> tuple[str, str]:
+    """Return an arm and its topic."""
+    arm, _, topic = text.partition("=")
+    if not arm or not topic.strip("/"):
+        raise ArgumentTypeError(f"got {text!r}; allowed: ARM=TOPIC, e.g. PSM1=/left/measured_js")
+    return arm, topic
 
 
 def run(args: Namespace) -> int:
@@ -91,13 +106,13 @@ def run(args: Namespace) -> int:
     from trocar.simulation import World
 
     access = PageAccess(args.origin)
-    source = _source(args)
     world = World(args.rig, calibration=args.calibration)
+    source = _source(args, world)
     speed = args.speed or ("max" if args.bag and args.no_page else "realtime")
     loop = Loop(world, speed=speed, tick_s=SERVER_TICK_S)
     loop.while_running = recording(world, args)
     arms = [name.strip() for name in args.arms.split(",") if name.strip()] if args.arms else None
-    mirror = Mirror(loop, source, arms, args.by)
+    mirror = Mirror(loop, source, arms, args.by, topics=dict(args.topic), jaws=dict(args.jaw))
     if mirror.missing and args.bag:
         print(f"no topics in {args.bag}: {', '.join(mirror.missing)}", file=sys.stderr)
     with ExitStack() as stack:
@@ -119,9 +134,21 @@ def run(args: Namespace) -> int:
     return 0
 
 
-def _source(args: Namespace) -> BagSource | LiveSource:
+def _source(args: Namespace, world: World) -> BagSource | LiveSource:
+    from trocar.recording.bags import is_bag
     from trocar.robot.follow import BagSource, LiveSource, open_bag
+    from trocar.robot.recordings.parquet import is_parquet
+    from trocar.robot.recordings.table_bag import bag_of_table
 
+    if (
+        args.bag
+        and Path(args.bag).expanduser().exists()
+        and (is_parquet(args.bag) or not is_bag(args.bag))
+    ):
+        wanted = args.arms.split(",") if args.arms else [arm.name for arm in world.rig.arms]
+        arms = {name.strip(): world.rig.arm(name.strip()).arm for name in wanted if name.strip()}
+        return BagSource(bag_of_table(args.bag, arms, args.rate))
+    allow(args, "with a table of numbers", "rate")
     if args.bag:
         return BagSource(open_bag(args.bag))
     if args.websocket:

@@ -12,7 +12,14 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_json, add_overwrite, allow_overwrite, options
-from trocar.cli.identify import add_log, allow_log, log_settings, weight, weights
+from trocar.cli.identify import (
+    add_log,
+    allow_log,
+    log_settings,
+    report_read,
+    weight,
+    weights,
+)
 from trocar.cli.output import print_result, progress_steps, table
 
 if TYPE_CHECKING:
@@ -60,6 +67,7 @@ def run(args: Namespace) -> int:
             tip = how.standing(arm).arm.mechanism.tip
             known = [one for each in weights(args.weight, tip) for one in each]
             found.append(predict(args.log, arm, args.dynamics, known, how, args.samples))
+    report_read([one.log.log for one in found])
     document = found[0] if len(found) == 1 else {"predictions": found}
     if args.report is not None:
         write_report(args.report, document, found, args.overwrite)

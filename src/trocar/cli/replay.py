@@ -3,9 +3,8 @@
 A recording of a simulation (trocar sim --record) is repeated, and every physics step is compared
 bit by bit. Only --rig and --json apply.
 
-A log of a real PSM, ECM or MTM is a CSV file, plain or gzip, one row per sample with the positions,
-then velocities, then efforts of all joints (SI units), or a rosbag 1, rosbag 2 or MCAP file with
-topic /<ARM>/measured_js. See docs/follow.md.
+A log of a real PSM, ECM or MTM is a bag, a text file of numbers of any layout, or an episode of a
+LeRobot dataset. See docs/recordings.md and docs/follow.md.
 """
 
 from __future__ import annotations
@@ -14,9 +13,17 @@ import sys
 from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_calibration, add_gains, add_json, allow, options
+from trocar.cli.arguments import (
+    add_calibration,
+    add_gains,
+    add_json,
+    allow,
+    names_of,
+    options,
+)
 from trocar.cli.identify import add_base_rpy
 from trocar.cli.output import print_result, progress_bar, table
+from trocar.cli.reading import add_reading, allow_reading, read_settings
 
 if TYPE_CHECKING:
     from trocar.robot.follow import RepeatReport, ReplayReport
@@ -48,21 +55,17 @@ def add_arguments(parser: ArgumentParser) -> None:
         --mode position|effort = position  position: track the recorded positions (default); effort:
                                            apply the recorded efforts open loop
         --window S:number = 0.5            mode effort: reset to the recorded state every S seconds
-        --rate HZ:number = 200             sample rate of a CSV log; bags are resampled to it
-        --wrist motor|joint = motor        CSV log: side of the coupling on which a PSM's wrist and
-                                           jaw, or an MTM's joints 2 to 4, were recorded
-        --topic TOPIC                      bag: topic of joint states (default: the only one that
-                                           fits the arm)
     """)  # fmt: skip
+    add_reading(real)
     add_gains(real)
 
 
 def run(args: Namespace) -> int:
     """Replay and print the report."""
-    from trocar.recording import is_recording
-    from trocar.recording.bags import is_bag
+    from trocar.robot.recordings import recording_kind
 
-    if is_recording(args.log):
+    kind = recording_kind(args.log)
+    if kind == "recording":
         real = (
             "arm",
             "tool",
@@ -71,17 +74,14 @@ def run(args: Namespace) -> int:
             "dynamics",
             "mode",
             "window",
-            "rate",
-            "wrist",
+            "control",
+            "friction",
         )
-        allow(args, "with the log of a real arm", *real, "topic", "control", "friction")
+        allow(args, "with the log of a real arm", *real, *names_of(add_reading))
         return _repeat(args)
     if args.mode == "position":
         allow(args, "with --mode effort", "window")
-    if is_bag(args.log):
-        allow(args, "with a CSV log", "wrist")
-    else:
-        allow(args, "with a bag", "topic")
+    allow_reading(args, {kind})
     return _replay(args)
 
 
@@ -102,19 +102,18 @@ def _replay(args: Namespace) -> int:
     settings = ReplaySettings(
         mode=args.mode,
         window_s=args.window,
-        rate_hz=args.rate,
         control=args.control,
         friction=args.friction,
-        wrist=args.wrist,
+        reading=read_settings(args),
         tool=args.tool,
-        topic=args.topic,
         calibration=args.calibration,
         rig=args.rig,
         base_rpy=args.base_rpy,
     )
     with progress_bar("rows") as watch:
         report = replay(args.log, args.arm, settings, watch)
-    print_result(args, report, lambda: _tables(report, settings.rate_hz))
+    print(report.understood, file=sys.stderr)
+    print_result(args, report, lambda: _tables(report))
     return 0
 
 
@@ -132,7 +131,7 @@ def _repeated(report: RepeatReport) -> str:
     )
 
 
-def _tables(report: ReplayReport, rate_hz: float) -> str:
+def _tables(report: ReplayReport) -> str:
     rows: list[list[str]] = []
     for joint, tracking in report.tracking_rms.items():
         slides = joint == "insertion"
@@ -150,6 +149,11 @@ def _tables(report: ReplayReport, rate_hz: float) -> str:
     head = ["joint", "tracking RMS", "", "effort RMS", "", "% of recorded"]
     return (
         f"{report.arm} along {report.log}, mode {report.mode}: {report.samples} samples"
-        f" ({report.samples / rate_hz:.2f} s), {report.clipped} clipped to a joint limit\n\n"
+        f" ({report.samples / report.rate_hz:.2f} s{_pieces(report)}), {report.clipped} clipped to"
+        " a joint limit\n\n"
         f"{table(head, rows)}"
     )
+
+
+def _pieces(report: ReplayReport) -> str:
+    return f" in {report.pieces} pieces" if report.pieces > 1 else ""

@@ -12,14 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions import load_arm
-from trocar.errors import InputError, LogError, SingularError, UnknownNameError, UnreachableError
-from trocar.geometry import matrix_from_quaternion
-from trocar.geometry.se3 import inverse, transform
-from trocar.kinematics.inverse import inverse_kinematics, nearest_solution
+from trocar.errors import InputError, LogError, UnknownNameError
 from trocar.learning.lerobot import INDEXES, Dataset, open_dataset
 from trocar.outputs import check_file, whole_folder
 from trocar.recording.bags import JointSamples, write_joint_states
-from trocar.robot.logs import recorded_joints
+from trocar.robot.recordings import recorded_joints
+from trocar.robot.recordings.tip_poses import joints_of_tips, pose_from_numbers
 
 Array = NDArray[np.float64]
 
@@ -41,8 +39,6 @@ POSED = re.compile(
 NUMBERED = re.compile(r"(?:joint|j|q)?_?(\d+)")
 SCALES = {"rad": 1.0, "m": 1.0, "deg": float(np.pi / 180.0), "mm": 1e-3}
 PARTS = ("x", "y", "z", "qw", "qx", "qy", "qz")
-#: Norms of quaternions. Source: our own choice; those of float32 are within 1e-6 of 1.
-NORMS = 0.9, 1.1
 CHOSEN = re.compile(r"([^=\[\]]+)=([^=\[\]]+)\[(\d+):(\d+)\]")
 
 
@@ -295,29 +291,16 @@ def _solved(dataset: Dataset, episode: int, arm: str, one: _TipNumbers) -> Array
     """Return the joints that bring an arm's tip to its poses, the jaw last, (n, j)."""
     described, rows = load_arm(ARMS[arm.rstrip("0123456789")]), dataset.rows(episode)
     poses = np.asarray(rows[one.column], np.float64)[:, one.places]
-    near, found = None, list[Array]()
-    for frame, pose in enumerate(poses):
-        norm = float(np.linalg.norm(pose[3:]))
-        where = f"{one.column}: episode {episode}, frame {frame}: {arm}"
-        if not NORMS[0] < norm < NORMS[1]:
-            raise LogError(
-                str(dataset.data_file(episode)),
-                f"{where}: got a quaternion of norm {norm:.6g}; allowed: 1",
-            )
-        at = transform(matrix_from_quaternion(pose[3:] / norm), one.scale * pose[:3])
-        T, structure = inverse(one.base) @ at, described.inverse_kinematics
-        try:
-            if near is None:
-                near = inverse_kinematics(described.mechanism, structure, T)[0]
-            else:
-                near = nearest_solution(described.mechanism, structure, T, near)
-        except (UnreachableError, SingularError) as problem:
-            raise LogError(
-                str(dataset.data_file(episode)),
-                f"{where}: {problem}; is its base (--base) in the frame of the poses right?",
-            ) from problem
-        found.append(near)
-    q = np.array(found)
+    file = str(dataset.data_file(episode))
+
+    def where(frame: int) -> str:
+        return f"{one.column}: episode {episode}, frame {frame}: {arm}"
+
+    tips = [
+        pose_from_numbers(file, where(k), one.scale * pose[:3], pose[3:])
+        for k, pose in enumerate(poses)
+    ]
+    q = joints_of_tips(described, np.array(tips), one.base, file, where)
     if one.jaw is None:
         return q
     column, place = one.jaw

@@ -319,6 +319,34 @@ def score_recording(
     return RecordingScore(recorded.file, first, last, found, recorded.problem)
 
 
+def score_tip(
+    time: ArrayLike,
+    positions: ArrayLike,
+    start_s: float | None = None,
+    end_s: float | None = None,
+) -> ArmScore:
+    """Return the scores of a tip that was recorded alone.
+
+    Args:
+        time: evenly spaced, (k,) [s]
+        positions: in a frame at rest, (k, 3) [m]
+        start_s, end_s: interval to score, of the same times [s]; all of it when omitted
+
+    Raises:
+        InputError: shapes, numbers, times or an interval that are not allowed
+    """
+    t, p = _checked(time, positions)
+    first = t[0] if start_s is None else start_s
+    last = t[-1] if end_s is None else end_s
+    if not t[0] <= first < last <= t[-1]:
+        raise InputError(
+            f"got the interval {first:g} to {last:g} s; allowed: a part of {t[0]:g} to {t[-1]:g} s"
+        )
+    inside = (t >= first) & (t <= last)
+    t, p = t[inside], p[inside]
+    return ArmScore(score_motion(t, low_pass(t, p)), None, {})
+
+
 def _tools(
     recorded: Recorded, rig: RigDescription | str | Path | None
 ) -> dict[str, list[tuple[float, ArmDescription]]]:

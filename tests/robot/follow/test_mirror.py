@@ -10,10 +10,13 @@ import numpy as np
 import pytest
 
 from tests.robot.follow.motions import MIDDLE, Row, motion, rows, write
+from trocar.descriptions import load_arm
 from trocar.errors import InputError
 from trocar.live import Loop
 from trocar.live.loop import SERVER_TICK_S
 from trocar.robot.follow import BagSource, Mirror, MirrorReport, open_bag
+from trocar.robot.recordings import ReadSettings, read_arm_motion
+from trocar.robot.recordings.table_bag import bag_of_table
 from trocar.simulation import World
 
 
@@ -184,3 +187,80 @@ def test_setup_joints_and_masters_follow_with_brakes_and_springs(tmp_path: Path)
     np.testing.assert_allclose(seen.q["SUJ_PSM1"][-1], suj, atol=1e-6)
     np.testing.assert_allclose(seen.q["MTMR"][-1][:7], mtm, atol=1e-6)
     assert seen.q["MTMR"][-1][7] == pytest.approx(0.3, abs=0.01)
+
+
+def moved(seen: Seen, arm: str = "PSM1") -> np.ndarray:
+    return seen.q[arm][-1]
+
+
+OLD = [
+    ("/dvrk/PSM1/state_joint_current", "/dvrk/PSM1/state_jaw_current"),
+    ("/dvrk/PSM1/position_joint_current", "/dvrk/PSM1/state_jaw_current"),
+    ("/psm1/measured_js", "/psm1/jaw/measured_js"),
+    ("/lab/psm1/measured_js", "/lab/psm1/jaw/measured_js"),
+]
+
+
+@pytest.mark.parametrize(("topic", "jaw"), OLD)
+def test_topics_of_older_versions_lower_case_and_prefixes_are_known(
+    tmp_path: Path, topic: str, jaw: str
+) -> None:
+    q = motion("PSM1", 0.0)
+    told: list[Row] = []
+    for k in range(20):
+        told += [(0.005 * k, topic, q), (0.005 * k, jaw, [0.6])]
+    path = write(tmp_path / "a.bag", "ros1", told)
+    seen, report = follow(path, "psm")
+    assert report.arms["PSM1"].heard == 20
+    np.testing.assert_allclose(moved(seen), [*q, 0.6], atol=1e-6)
+    found = read_arm_motion(path, load_arm("psm"))
+    np.testing.assert_allclose(found.rows[:, 0], np.tile([*q, 0.6], (20, 1)), atol=1e-9)
+    assert found.label.upper() == "PSM1"
+
+
+def test_topics_and_jaws_can_be_named(tmp_path: Path) -> None:
+    q = motion("PSM1", 0.0)
+    told: list[Row] = []
+    for k in range(20):
+        told += [(0.005 * k, "/left/state", q), (0.005 * k, "/left/grip", [0.6])]
+    path = write(tmp_path / "a.bag", "ros1", told)
+    with pytest.raises(InputError, match="has no /PSM1/measured_js; its joint states: /left/grip"):
+        follow(path, "psm")
+    loop = Loop(World("psm"), speed="max", tick_s=SERVER_TICK_S)
+    source = BagSource(open_bag(path))
+    with pytest.raises(InputError, match=r"has no joint states in /x; they are in: /left"):
+        Mirror(loop, source, topics={"PSM1": "/x"})
+    with pytest.raises(InputError, match="unknown arm 'PSM7'"):
+        Mirror(loop, source, topics={"PSM7": "/left/state"})
+    mirror = Mirror(loop, source, topics={"PSM1": "/left/state"}, jaws={"PSM1": "left/grip"})
+    mirror.start()
+    while not mirror.over.is_set():
+        loop.tick()
+    assert loop.world.arm("PSM1").jaw is not None
+    np.testing.assert_allclose(loop.world.arm("PSM1").joints.readings()[0], [*q, 0.6], atol=1e-6)
+    how = ReadSettings(topic="/left/state", jaw="/left/grip")
+    found = read_arm_motion(path, load_arm("psm"), how)
+    np.testing.assert_allclose(found.rows[:, 0], np.tile([*q, 0.6], (20, 1)), atol=1e-9)
+
+
+def test_a_table_is_mirrored_like_a_bag(tmp_path: Path) -> None:
+    arms = ("PSM1", "PSM2")
+    names = ["yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw"]
+    lines = [",".join(["time", *(f"{arm}_{name}" for arm in arms for name in names)])]
+    for k in range(60):
+        values = [k / 30.0, *(v for arm in arms for v in motion(arm, k / 30.0))]
+        lines.append(",".join(f"{value:.9g}" for value in values))
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(lines))
+    world = World("two_psm_ecm")
+    described = {arm.name: arm.arm for arm in world.rig.arms}
+    loop = Loop(world, speed="max", tick_s=SERVER_TICK_S)
+    mirror = Mirror(loop, BagSource(bag_of_table(path, described)))
+    mirror.start()
+    while not mirror.over.is_set():
+        loop.tick()
+    loop.tick()
+    assert set(mirror.report().arms) == set(arms)
+    for arm in arms:
+        found = world.arm(arm).joints.readings()[0][:6]
+        np.testing.assert_allclose(found, motion(arm, 59 / 30.0), atol=1e-6)

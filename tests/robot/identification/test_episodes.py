@@ -137,5 +137,5 @@ def test_the_arm_of_an_episode_is_named(tmp_path: Path) -> None:
 def test_a_file_of_other_columns_is_named(tmp_path: Path) -> None:
     path = tmp_path / "a.parquet"
     parquet.write_table(pyarrow.table({"timestamp": [0.0], "action": [[1.0]]}), path)
-    with pytest.raises(LogError, match="has no joint states; allowed: an episode of SurgSync"):
+    with pytest.raises(LogError, match="has no columns of the joints of psm_si: timestamp, action"):
         read_motion(path, load_arm("psm_si"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, TypeVar
 
@@ -15,8 +15,7 @@ from trocar.descriptions import ArmDescription, load_arm
 from trocar.descriptions.calibrated import One, selects_cad
 from trocar.descriptions.rigs import lone_arm_rig
 from trocar.errors import InputError, LogError
-from trocar.recording.bags import is_bag
-from trocar.robot.logs import Wrist, check_rows, count_rows, read_bag, read_log, recorded_joints
+from trocar.robot.recordings import ArmMotion, ReadSettings, read_arm_motion, recorded_joints
 from trocar.robot.standing import standing_arm
 from trocar.simulation import World
 
@@ -28,6 +27,9 @@ ReplayMode = Literal["position", "effort"]
 PIECE_PERIODS = 2500
 #: Largest number of physics steps of a sample. Source: our own choice, 1 Hz at 1 ms.
 MOST_PERIODS = 1000
+#: Largest relative distance of a sample's time from whole physics steps that is rounded; others are
+#: resampled faster. Source: our own choice.
+ROUNDED = 0.02
 
 
 @dataclass(frozen=True)
@@ -38,10 +40,8 @@ class ReplaySettings:
         mode: "position": the servos follow the recorded motion; "effort": the recorded efforts act
             open loop, gravity compensation off because they contain it
         window_s: in mode "effort" the arm restarts from the recorded state this often [s]
-        rate_hz: of the recording; 1000 divided by a whole number [Hz]
         control, friction: as for `World`
-        wrist: as for `read_log`; a bag holds public joints
-        topic: of a bag's joint states; its only one that fits when omitted
+        reading: how to read the recording
         tool: the mounted tool, the arm's default when omitted
         calibration: overlays of the arm, or their paths, or "cad" for the description's masses;
             None: the nominal arm with identified dynamics
@@ -50,12 +50,10 @@ class ReplaySettings:
 
     mode: ReplayMode = "position"
     window_s: float = 0.5
-    rate_hz: float = 200.0
     control: Literal["dvrk", "paper"] = "dvrk"
     friction: Literal["identified", "paper"] = "identified"
-    wrist: Wrist = "motor"
+    reading: ReadSettings = field(default_factory=ReadSettings)
     tool: str | None = None
-    topic: str | None = None
     calibration: One | Sequence[One] | None = None
     rig: str | Path | None = None
     base_rpy: tuple[float, float, float] | None = None
@@ -69,6 +67,9 @@ class ReplayReport:
         log: the recording
         arm: the description that was driven
         mode: "position" or "effort"
+        understood: what was read, in words
+        rate_hz: rows a second as they were played [Hz]
+        pieces: uninterrupted pieces of the recording; the arm is put at the beginning of each
         samples: rows of the recording
         clipped: rows with a position beyond a joint's limit
         tracking_rms: {joint: RMS of simulated minus recorded position} [rad or m]
@@ -80,6 +81,9 @@ class ReplayReport:
     log: str
     arm: str
     mode: ReplayMode
+    understood: str
+    rate_hz: float
+    pieces: int
     samples: int
     clipped: int
     tracking_rms: dict[str, float]
@@ -96,12 +100,12 @@ def replay(
     """Replay a recording on a lone simulated arm.
 
     Between two rows the set-points move evenly, once per physics period. The arm is compared with
-    the recording at every row but the first, which it starts from: positions at that time, efforts
-    as the mean since the row before, of both. Memory does not grow with a recording in rows; a bag
-    is read as a whole. The gripper of an MTM, which has no motor, stays open.
+    the recording at every row but the first of each piece, which it starts from: positions at that
+    time, efforts as the mean since the row before, of both. A pause ends a piece. The gripper of an
+    MTM, which has no motor, stays open.
 
     Args:
-        log: rows of numbers, read twice: first all of it is checked; or a bag
+        log: as for `read_arm_motion`
         arm: a built-in arm, or the path of a description; with `settings.rig`, an arm of that rig
         settings: the defaults when omitted
         progress: called with (rows done, rows) now and then
@@ -124,37 +128,28 @@ def replay(
     rig = lone_arm_rig(described, stand.turn)
     dynamics = "cad" if selects_cad(how.calibration) else None
     world = World(rig, control=how.control, friction=how.friction, dynamics=dynamics)
-    periods, restart = _periods(how, world.timestep), _restart(how)
-    piece_rows = max(1, PIECE_PERIODS // periods)
-    if is_bag(log):
-        table = _bag_rows(log, described, how)
-        total = len(table)
-        rows = (table[k : k + piece_rows] for k in range(0, total, piece_rows))
-    else:
-        total = count_rows(log, described, how.wrist)
-        rows = read_log(log, described, how.wrist, piece_rows)
-    run = _Run(world, described, rig.arms[0].name, how.mode, periods)
-    for piece, fresh in pieces(rows, restart):
-        run.play(piece, fresh)
-        if progress is not None:
-            progress(run.samples, total)
-    return run.report(str(log))
-
-
-def _bag_rows(log: str | Path, arm: ArmDescription, how: ReplaySettings) -> Array:
-    """Read a bag at even times, (k, 3, n), and check it.
-
-    Raises:
-        LogError: it cannot be used
-    """
-    rows, has_efforts = read_bag(log, arm, how.rate_hz, how.topic)
-    if how.mode == "effort" and not has_efforts:
+    motion = read_arm_motion(log, described, how.reading)
+    if how.mode == "effort" and not motion.has_efforts:
         raise LogError(str(log), "contains no efforts; allowed: mode position")
-    if len(rows) < 2:
-        lasted = f"lasts less than {1.0 / how.rate_hz:g} s"
-        raise LogError(str(log), f"{lasted}; allowed: 2 rows or more")
-    check_rows(str(log), 1, rows, arm)
-    return rows
+    rate = how.reading.rate_hz or motion.rate_hz
+    periods = _periods(rate, world.timestep)
+    rate = 1.0 / (periods * world.timestep)
+    restart = _restart(how, rate)
+    tables = [one.at_rate(rate).rows for one in motion.pieces()]
+    tables = [table for table in tables if len(table) > 1]
+    total = sum(map(len, tables))
+    if not tables:
+        raise LogError(str(log), f"lasts less than {1.0 / rate:g} s; allowed: 2 rows or more")
+    piece_rows = max(1, PIECE_PERIODS // periods)
+    run = _Run(world, described, rig.arms[0].name, how.mode, periods)
+    for table in tables:
+        run.begin()
+        rows = (table[k : k + piece_rows] for k in range(0, len(table), piece_rows))
+        for piece, fresh in pieces(rows, restart):
+            run.play(piece, fresh)
+            if progress is not None:
+                progress(run.samples, total)
+    return run.report(motion, rate)
 
 
 def pieces(chunks: Iterable[Array], restart: int) -> Iterator[tuple[Array, bool]]:
@@ -196,18 +191,24 @@ class _Run:
         self.mode: ReplayMode = mode
         self.periods = periods
         self.joints = recorded_joints(arm)
-        self.samples, self.clipped = 1, 0
+        self.samples, self.clipped, self.begun = 0, 0, 0
+        self._first = True
         self.sums = np.zeros((3, len(self.joints)))  # of position and effort errors, of efforts
         if mode == "effort":
             world.arm(name).joints.set_mode("effort")
             world.arm(name).joints.use_gravity_compensation(False)
+
+    def begin(self) -> None:
+        """Begin a piece of the recording, whose first row is not compared."""
+        self.samples, self.begun, self._first = self.samples + 1, self.begun + 1, True
 
     def play(self, rows: Array, fresh: bool) -> None:
         """Play rows (k + 1, 3, n) from the first on, restarting there when `fresh`."""
         count = len(self.joints)
         lower, upper = self.arm.mechanism.lower[:count], self.arm.mechanism.upper[:count]
         beyond = (rows[:, 0] < lower) | (rows[:, 0] > upper)
-        self.clipped += int(beyond[1 if self.samples > 1 else 0 :].any(axis=1).sum())
+        self.clipped += int(beyond[0 if self._first else 1 :].any(axis=1).sum())
+        self._first = False
         targets = rows.copy()
         targets[:, 0] = np.clip(rows[:, 0], lower, upper)
         targets[:, 1][beyond] = 0.0  # a target that is held at a limit does not move
@@ -235,14 +236,17 @@ class _Run:
         """Return means over each row's periods: (k * periods, n) become (k, n)."""
         return values.reshape(-1, self.periods, values.shape[1]).mean(axis=1)
 
-    def report(self, log: str) -> ReplayReport:
+    def report(self, motion: ArmMotion, rate_hz: float) -> ReplayReport:
         """Return the figures so far."""
         position, effort, recorded = self.sums.tolist()
-        count = self.samples - 1
+        count = self.samples - self.begun
         return ReplayReport(
-            log=log,
+            log=motion.file,
             arm=self.arm.name,
             mode=self.mode,
+            understood=motion.understood(),
+            rate_hz=rate_hz,
+            pieces=self.begun,
             samples=self.samples,
             clipped=self.clipped,
             tracking_rms=self._named(float(np.sqrt(p / count)) for p in position),
@@ -257,23 +261,23 @@ class _Run:
         return dict(zip(self.joints, values, strict=True))
 
 
-def _periods(settings: ReplaySettings, timestep_s: float) -> int:
-    """Compute the physics steps of a sample."""
-    periods = 1.0 / (settings.rate_hz * timestep_s) if settings.rate_hz > 0.0 else 0.0
-    whole = round(periods) if np.isfinite(periods) else 0
-    if not 1 <= whole <= MOST_PERIODS or abs(periods - whole) > 1e-9 * whole:
+def _periods(rate_hz: float, timestep_s: float) -> int:
+    """Compute the physics steps of a sample: the nearest whole number, or the one below."""
+    periods = 1.0 / (rate_hz * timestep_s) if rate_hz > 0.0 else 0.0
+    near = round(periods) if np.isfinite(periods) else 0
+    whole = near if abs(periods - near) <= ROUNDED * periods else int(periods)
+    if not 0.0 < periods <= MOST_PERIODS * (1.0 + ROUNDED):
         raise InputError(
-            f"rate: got {settings.rate_hz!r} Hz; allowed: {1.0 / timestep_s:g} Hz divided by a"
-            f" whole number up to {MOST_PERIODS}, e.g. 200"
+            f"rate: got {rate_hz:g} Hz; allowed: {1.0 / (timestep_s * MOST_PERIODS):g} Hz or more"
         )
-    return whole
+    return max(whole, 1)
 
 
-def _restart(settings: ReplaySettings) -> int:
+def _restart(settings: ReplaySettings, rate_hz: float) -> int:
     """Compute the rows between two restarts from the recording."""
     if settings.mode not in ("position", "effort"):
         raise InputError(f"mode: got {settings.mode!r}; allowed: position, effort")
-    least = 1.0 / settings.rate_hz
+    least = 1.0 / rate_hz
     if not np.isfinite(settings.window_s) or settings.window_s < least * (1.0 - 1e-9):
         raise InputError(f"window: got {settings.window_s!r} s; allowed: {least:g} s or more")
-    return round(settings.window_s * settings.rate_hz) if settings.mode == "effort" else sys.maxsize
+    return round(settings.window_s * rate_hz) if settings.mode == "effort" else sys.maxsize

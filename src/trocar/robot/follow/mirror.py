@@ -21,6 +21,7 @@ from trocar.errors import InputError, TrocarError
 from trocar.live.inbox import Command
 from trocar.live.state import Elapsed
 from trocar.recording.bags import JOINT_STATE, Bag, JointMessage
+from trocar.robot.recordings.topics import ARM_STATES, END_STATES, find_topic, live_names
 from trocar.ros.client import RosClient
 from trocar.ros.topic import prefix
 
@@ -32,9 +33,6 @@ _log = logging.getLogger("trocar")
 Array = NDArray[np.float64]
 By = Literal["set", "servo"]
 
-MEASURED = "measured_js"
-#: Topics of single joints, by the last joint's name. Source: the dVRK's topics.
-PARTS = {"jaw": "jaw/measured_js", "gripper": "gripper/measured_js"}
 #: Time without messages after which an arm holds, with a warning [s]. Source: our own choice.
 SILENCE_S = 0.5
 #: Number of the newest lags that enter the median. Source: our own choice.
@@ -224,6 +222,8 @@ class Mirror:
         source: of joint states
         arms: names of arms; None: all that have topics in the source
         by: "set": put where the robot is; "servo": follow it by their own servos
+        topics, jaws: {arm: topic of its joint states, or of its jaw or gripper}; of other arms,
+            topics are found by their names of all versions of the dVRK, in whatever namespace
 
     Attributes:
         twins: {arm: what was received for it}
@@ -240,6 +240,9 @@ class Mirror:
         source: BagSource | LiveSource,
         arms: Sequence[str] | None = None,
         by: By = "set",
+        *,
+        topics: Mapping[str, str] | None = None,
+        jaws: Mapping[str, str] | None = None,
     ) -> None:
         self._loop, self._source = loop, source
         self._by: By = by
@@ -248,11 +251,13 @@ class Mirror:
         self.twins: dict[str, Twin] = {}
         self.missing: list[str] = []
         self._parts: dict[str, tuple[Twin, slice]] = {}
+        own = {rig.arm(name).name: topic for name, topic in (topics or {}).items()}
+        ends = {rig.arm(name).name: topic for name, topic in (jaws or {}).items()}
         for name in [rig.arm(name).name for name in arms] if arms else [a.name for a in rig.arms]:
-            self._subscribe(rig, name)
+            self._subscribe(rig, name, own.get(name), ends.get(name))
         if not self.twins or (arms and self.missing):
-            topics: Mapping[str, str] = {} if self._bag is None else self._bag.topics
-            raise InputError(_nothing(self.missing, rig, topics, source.name))
+            known: Mapping[str, str] = {} if self._bag is None else self._bag.topics
+            raise InputError(_nothing(self.missing, rig, known, source.name))
         self.over = threading.Event()
         self._lock = threading.Lock()  # a live source's thread and the loop's
         self._waiting: dict[str, float] = {}
@@ -263,21 +268,26 @@ class Mirror:
         self._failure: TrocarError | None = None
         self._unwatch: Callable[[], None] = lambda: None
 
-    def _subscribe(self, rig: RigDescription, name: str) -> None:
+    def _subscribe(
+        self, rig: RigDescription, name: str, topic: str | None, jaw: str | None
+    ) -> None:
         """Note the topics of an arm, and of its jaw or gripper."""
         arm, where = rig.arm(name).arm, self._source.name
         topics = None if self._bag is None else self._bag.topics
-        own = _found(topics, f"{prefix(name, arm)}/{MEASURED}", where)
-        if own is None:
+        own = _found(topics, prefix(name, arm), ARM_STATES, topic, where)
+        if not own:
             self.missing.append(name)
             return
         start = rig.poses["start"][name]
         twin = self.twins[name] = Twin(name, arm, start.copy(), np.zeros(len(start)))
-        self._parts[own] = twin, slice(0, arm.own_joints)
-        part = PARTS.get(arm.mechanism.joint_names[-1])
-        other = part and _found(topics, f"{prefix(name, arm)}/{part}", where)
-        if other:
-            self._parts[other] = twin, slice(arm.own_joints, len(arm.joints))
+        self._parts |= dict.fromkeys(own, (twin, slice(0, arm.own_joints)))
+        names = END_STATES.get(arm.mechanism.joint_names[-1])
+        if names is None and jaw is not None:
+            raise InputError(f"{name}: has neither a jaw nor a gripper; got {jaw}")
+        if names is not None:
+            others = _found(topics, prefix(name, arm), names, jaw, where)
+            end = slice(arm.own_joints, len(arm.joints))
+            self._parts |= dict.fromkeys(others, (twin, end))
 
     def start(self) -> None:
         """Begin; the loop may run already or begin afterwards."""
@@ -441,29 +451,34 @@ class Mirror:
                 )  # fmt: skip
 
 
-def _found(topics: Mapping[str, str] | None, name: str, where: str) -> str | None:
-    """Return the topic of that name in whatever namespace, or None without one.
+def _found(
+    topics: Mapping[str, str] | None,
+    arm: str,
+    names: Sequence[str],
+    given: str | None,
+    where: str,
+) -> tuple[str, ...]:
+    """Return the topics to subscribe to; none where a bag has none.
 
-    /SUJ/PSM1/measured_js does not belong to PSM1. Without a list of topics (live) return the name.
+    Without a list of topics (live) they are those that a robot of any version may have.
     """
-    if topics is None or topics.get(name) == JOINT_STATE:
-        return name
-    fitting: list[str] = []
-    for topic, kind in topics.items():
-        before, found, after = topic.rpartition(f"/{name}")
-        if kind == JOINT_STATE and found and not after and before.rpartition("/")[2] != "SUJ":
-            fitting.append(topic)
-    if len(fitting) > 1:
-        raise InputError(
-            f"{where}: {name} exists in several namespaces: {', '.join(sorted(fitting))}"
-        )
-    return fitting[0] if fitting else None
+    if given is not None:
+        topic = given.lstrip("/")
+        if topics is not None and topics.get(topic) != JOINT_STATE:
+            known = ", ".join(f"/{t}" for t, kind in topics.items() if kind == JOINT_STATE)
+            raise InputError(f"{where}: has no joint states in {given}; they are in: {known}")
+        return (topic,)
+    if topics is None:
+        return live_names(arm, names)
+    states = [topic for topic, kind in topics.items() if kind == JOINT_STATE]
+    found = find_topic(states, arm, names, where)
+    return () if found is None else (found,)
 
 
 def _nothing(
     missing: Sequence[str], rig: RigDescription, topics: Mapping[str, str], where: str
 ) -> str:
-    wanted = ", ".join(f"/{prefix(n, rig.arm(n).arm)}/{MEASURED}" for n in missing)
+    wanted = ", ".join(f"/{prefix(n, rig.arm(n).arm)}/{ARM_STATES[0]}" for n in missing)
     states = [topic for topic, kind in sorted(topics.items()) if kind == JOINT_STATE]
     found = ", ".join(f"/{topic}" for topic in (states or sorted(topics))) or "none"
     kind = "joint states" if states or not topics else "topics, none of them joint states"

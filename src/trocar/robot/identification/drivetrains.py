@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from trocar.descriptions import ArmDescription
 from trocar.descriptions.overlay_records import TERMS, Drivetrain
 from trocar.robot.identification.rigid_body import JointMotion
-from trocar.robot.logs import MOTOR_SIDE, actuators_of_recording
+from trocar.robot.recordings.motor_side import MOTOR_SIDE, actuators_of_recording
 
 Array = NDArray[np.float64]
 

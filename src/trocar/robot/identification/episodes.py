@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from trocar.descriptions import ArmDescription
 from trocar.errors import LogError, MissingExtraError
-from trocar.robot.logs import LONGEST_GAP_S, recorded_joints
+from trocar.robot.recordings import recorded_joints
+from trocar.robot.recordings.arm_motion import LONGEST_GAP_S
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from trocar.robot.identification.drivetrains import structure
 from trocar.robot.identification.fit import Compressed, base_condition
 from trocar.robot.identification.regression import EffortModel, moving_bodies
 from trocar.robot.identification.rigid_body import UPRIGHT, JointMotion
-from trocar.robot.logs import recorded_joints
+from trocar.robot.recordings import recorded_joints
 
 Array = NDArray[np.float64]
 

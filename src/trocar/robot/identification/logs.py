@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, cast
@@ -14,18 +15,12 @@ from trocar.descriptions import ArmDescription
 from trocar.descriptions.overlay_records import FilterSettings
 from trocar.errors import InputError, LogError, TrocarError
 from trocar.recording import Recorded, is_recording, open_recording
-from trocar.recording.bags import is_bag
-from trocar.robot.identification.episodes import episode_rows, is_episode
+from trocar.robot.identification.episodes import episode_arms, episode_rows, is_episode
 from trocar.robot.identification.rigid_body import UPRIGHT, JointMotion
-from trocar.robot.logs import (
-    MOTOR_SIDE,
-    Wrist,
-    actuators_of_recording,
-    check_rows,
-    read_bag,
-    read_log,
-    recorded_joints,
-)
+from trocar.robot.recordings import ReadSettings, read_arm_motion, recorded_joints
+from trocar.robot.recordings.arm_motion import ArmMotion, check_rows, derivative
+from trocar.robot.recordings.motor_side import MOTOR_SIDE, actuators_of_recording
+from trocar.robot.recordings.read import recording_kind
 from trocar.robot.standing import standing_arm
 
 Array = NDArray[np.float64]
@@ -35,8 +30,12 @@ SHORTEST_S = 3.0
 #: Time cut at both ends, where filters settle [s]. Source:
 #: dvrk_dynamics_identification, 200 samples at 200 Hz.
 CUT_S = 1.0
-#: Largest relative variation of time steps in a time column. Source: our own choice.
-EVEN = 0.5
+#: Highest rate to which motions with times are resampled, and rate above which they are [Hz].
+#: Source: the published logs have 200 Hz; ten times the cut-off of the filters.
+USUAL_HZ, FAST_HZ = 200.0, 250.0
+#: Longest gap that is filled in, in usual steps; longer ones end a piece. Source: our own choice,
+#: 25 ms at 200 Hz, within which the filters leave nothing.
+LOST_STEPS = 5.0
 #: Slope of velocities against the derivative of positions. Source: our own choice; recorded
 #: velocities are up to 17 % too large, a wrong unit is a factor of 57 or 1000.
 SLOPES = (0.5, 2.0)
@@ -72,6 +71,8 @@ class Log:
         simulated: whether velocities have no noise, so that their signs are those of the motion
         up: direction against gravity in the arm's reference frame, (3,)
         poses: whether samples are poses at rest, which no time connects
+        starts: samples at which an uninterrupted piece begins; each is filtered by itself
+        understood: what was read and used, in words
     """
 
     file: str
@@ -84,6 +85,12 @@ class Log:
     simulated: bool = False
     up: Array = field(default_factory=lambda: UPRIGHT)
     poses: bool = False
+    starts: tuple[int, ...] = (0,)
+    understood: str = ""
+
+    def by_piece(self, values: Array, change: Callable[[Array], Array]) -> Array:
+        """Return samples, (k, ...), of which each piece is changed by itself."""
+        return np.concatenate([change(one) for one in np.split(values, self.starts[1:])])
 
     @property
     def silent(self) -> tuple[str, ...]:
@@ -127,14 +134,17 @@ class FilteredLog:
         """Return predictions, (k, ...), filtered as the efforts are, with the ends cut."""
         if self.log.poses:
             return values
-        return self.cut(low_pass(values, self.settings.cutoff_hz, self.log.rate_hz, self.settings))
+        cutoff_hz, rate_hz = self.settings.cutoff_hz, self.log.rate_hz
+        return self.cut(
+            self.log.by_piece(values, lambda v: low_pass(v, cutoff_hz, rate_hz, self.settings))
+        )
 
     def cut(self, values: Array) -> Array:
-        """Return samples, (k, ...), without those at both ends; all poses at rest."""
+        """Return samples, (k, ...), without those at both ends of a piece; all poses at rest."""
         if self.log.poses:
             return values
         ends = round(CUT_S * self.log.rate_hz)
-        return values[ends:-ends]
+        return self.log.by_piece(values, lambda v: v[ends:-ends])
 
 
 def default_filters(arm: ArmDescription) -> FilterSettings:
@@ -170,23 +180,22 @@ def log_kind(
         a recording, a bag, an episode of a public dataset, or CSV: a table with a header, poses at
         rest, or rows of numbers
     """
-    if is_recording(path):
-        return "recording"
-    if is_episode(path):
+    if not is_recording(path) and is_episode(path):
+        if Path(path).expanduser().is_dir():
+            return "episode"
+        try:
+            episode_arms(path)
+        except LogError:  # other columns: whatever they are called
+            return "table"
         return "episode"
-    if is_bag(path):
-        return "bag"
-    if _header(path) is not None:
-        return "table"
-    return "poses" if _has_poses(path) else "rows"
+    kind = recording_kind(path)
+    return "poses" if kind == "rows" and _has_poses(path) else kind
 
 
 def read_motion(
     path: str | Path,
     arm: ArmDescription,
-    rate_hz: float = 200.0,
-    wrist: Wrist = "motor",
-    topic: str | None = None,
+    reading: ReadSettings | None = None,
     *,
     up: Array | None = None,
     name: str = "",
@@ -194,16 +203,13 @@ def read_motion(
     """Read a log of one arm.
 
     Args:
-        path: CSV without a header as `trocar replay` reads it; CSV with the header time,
-            JOINT_position, JOINT_velocity, JOINT_effort (SI units, public joints); CSV of poses at
-            rest: positions and efforts of the first three joints, as dvrk_python's script for
-            gravity compensation writes it; a bag; a recording of trocar's own; or an episode of
-            SurgSync or Open-H. A joint of the wrist or a jaw that a table lacks rests without
-            efforts
+        path: as for `read_arm_motion`; CSV of poses at rest: positions and efforts of the first
+            three joints, as dvrk_python's script for gravity compensation writes it; a recording of
+            trocar's own; or an episode of SurgSync or Open-H. A joint of the wrist or a jaw that a
+            table lacks rests without efforts
         arm: the recorded arm, with the tool that was mounted
-        rate_hz: of a CSV without a header, and of the samples taken from a bag [Hz]
-        wrist: of a CSV without a header: on which side of the coupling coupled joints were recorded
-        topic: of a bag's joint states
+        reading: how to read it; a motion with times is read at its own rate, at 200 Hz where that
+            is above 250 Hz, or at `rate_hz`
         up: direction against gravity in the arm's reference frame, (3,); None: as a recording of
             trocar's own has it, upright of other logs
         name: of the arm, in a recording or an episode of several
@@ -212,44 +218,76 @@ def read_motion(
         LogError: no log of this arm, too short, or columns that cannot be what they are called
         InputError: the rate
     """
-    if not rate_hz > 0.0:
-        raise InputError(f"rate: got {rate_hz:g} Hz; allowed: more than 0")
-    file, joints = str(path), recorded_joints(arm)
-    columns, matrix = joints, np.eye(len(joints))
+    how = reading or ReadSettings()
+    file, joints, stands = str(path), recorded_joints(arm), UPRIGHT if up is None else up
     kind = log_kind(path)
-    if kind == "recording":
-        rows, rate_hz, recorded_up = _own_rows(file, arm, name)
-        up = recorded_up if up is None else up
-    elif kind == "episode":
-        rows, rate_hz = episode_rows(path, arm, name)
-    elif kind == "poses":
+    if how.columns and kind in ("episode", "poses"):
+        kind = "table"
+    columns, matrix, starts, understood = joints, np.eye(len(joints)), (0,), ""
+    if kind == "poses":
         rows = _pose_rows(path, arm)
-    elif kind == "bag":
-        rows, has_efforts = read_bag(path, arm, rate_hz, topic)
-        if not has_efforts:
-            raise LogError(file, "contains no efforts; allowed: joint states with efforts")
-    elif kind == "table" and (header := _header(path)) is not None:
-        rows, rate_hz = _tidy_rows(path, header, joints)
+        check_rows(file, 1, rows, arm)
+        return Log(file, USUAL_HZ, *_parts(rows), columns, matrix, up=stands, poses=True)
+    if kind == "recording":
+        rows, rate_hz, recorded_up = _own_rows(file, arm, name or how.of or "")
+        stands = recorded_up if up is None else up
+    elif kind == "episode":
+        rows, rate_hz = episode_rows(path, arm, name or how.of or "")
     else:
-        rows = np.concatenate(list(read_log(path, arm, wrist)) or [np.zeros((0, 3, len(joints)))])
-        if wrist == "motor" and arm.type in MOTOR_SIDE:
+        motion = read_arm_motion(path, arm, how, partial=True)
+        if not motion.has_efforts:
+            raise LogError(file, "contains no efforts; allowed: recorded efforts")
+        rows, rate_hz, starts, understood = _even_rows(motion, how.rate_hz)
+        if kind == "rows" and not how.columns and how.wrist == "motor" and arm.type in MOTOR_SIDE:
             which, coupling = actuators_of_recording(arm)
             matrix[np.ix_(which, which)] = coupling.actuator_to_joint
             columns = tuple(
                 f"motor_{k + 1}" if k in which else name for k, name in enumerate(joints)
             )
     check_rows(file, 1, rows, arm)
-    stands = UPRIGHT if up is None else up
-    q, qd, effort = (np.ascontiguousarray(rows[:, k]) for k in range(3))
-    if kind == "poses":
-        return Log(file, rate_hz, q, qd, effort, columns, matrix, up=stands, poses=True)
     if len(rows) < SHORTEST_S * rate_hz:
         raise LogError(
             file, f"lasts {len(rows) / rate_hz:.3g} s; allowed: {SHORTEST_S:g} s or more"
         )
-    log = Log(file, rate_hz, q, qd, effort, columns, matrix, kind == "recording", stands)
+    log = Log(
+        file, rate_hz, *_parts(rows), columns, matrix, kind == "recording", stands,
+        starts=starts, understood=understood,
+    )  # fmt: skip
     _check_columns(log, arm)
     return log
+
+
+def _parts(rows: Array) -> tuple[Array, Array, Array]:
+    """Return the positions, velocities and efforts of rows (k, 3, n)."""
+    q, qd, effort = (np.ascontiguousarray(rows[:, k]) for k in range(3))
+    return q, qd, effort
+
+
+def _even_rows(
+    motion: ArmMotion, rate_hz: float | None
+) -> tuple[Array, float, tuple[int, ...], str]:
+    """Return a motion's pieces at even times.
+
+    Returns:
+        rows (k, 3, n), their rate [Hz], the rows at which a piece begins, and what was used
+    """
+    own = motion.rate_hz
+    rate = own
+    if motion.timed:
+        rate = rate_hz or (USUAL_HZ if own > FAST_HZ else own)
+    cut = [one for piece in motion.pieces() for one in piece.cut_at(LOST_STEPS / own).pieces()]
+    even = [one.at_rate(rate).rows for one in cut if len(one.times) > 1]
+    long = [rows for rows in even if len(rows) >= SHORTEST_S * rate]
+    used = long or even[:1]  # its length is refused
+    starts = np.cumsum([0, *(len(rows) for rows in used[:-1])]).tolist()
+    total = sum(float(piece.times[-1] - piece.times[0]) for piece in motion.pieces())
+    words = motion.understood()
+    if len(cut) > 1:
+        words += (
+            f"; used {sum(map(len, used)) / rate:.1f} of {total:.1f} s in {len(used)} of"
+            f" {len(cut)} pieces, of {SHORTEST_S:g} s or more each"
+        )
+    return np.concatenate(used), rate, tuple(starts), words
 
 
 def filtered(log: Log, arm: ArmDescription, settings: FilterSettings) -> FilteredLog:
@@ -273,19 +311,22 @@ def filtered(log: Log, arm: ArmDescription, settings: FilterSettings) -> Filtere
                 f" {log.rate_hz:g} Hz"
             )
 
-    def smooth(values: Array) -> Array:
-        return low_pass(values, settings.cutoff_hz, log.rate_hz, settings)
+    def smooth(values: Array, cutoff_hz: float = settings.cutoff_hz) -> Array:
+        return log.by_piece(values, lambda v: low_pass(v, cutoff_hz, log.rate_hz, settings))
+
+    def differentiated(values: Array) -> Array:
+        return log.by_piece(values, lambda v: derivative(v, log.rate_hz))
 
     names = arm.mechanism.joint_names[: log.q.shape[1]]
     q, qd = smooth(log.q), smooth(log.qd)
-    qdd = smooth(derivative(log.qd, log.rate_hz))
+    qdd = smooth(differentiated(log.qd))
     for joint in settings.differentiated:
         k = names.index(joint)
-        qd[:, k] = derivative(q[:, k], log.rate_hz)
-        qdd[:, k] = derivative(qd[:, k], log.rate_hz)
+        qd[:, k] = differentiated(q[:, k])
+        qdd[:, k] = differentiated(qd[:, k])
     for joint, cutoff in settings.acceleration_cutoff_hz.items():
         k = names.index(joint)
-        qdd[:, k] = low_pass(qdd[:, k], cutoff, log.rate_hz, settings)
+        qdd[:, k] = smooth(qdd[:, k], cutoff)
     resting = len(arm.joints) - len(names)
     rest = np.tile(arm.poses["home"][len(names) :] if resting else np.zeros(0), (len(q), 1))
     still = np.zeros((len(q), resting))
@@ -304,14 +345,6 @@ def low_pass(values: Array, cutoff_hz: float, rate_hz: float, settings: FilterSe
     """Return values, (k, ...), behind a Butterworth filter run forwards and backwards."""
     sections = cast("Array", butter(settings.order, cutoff_hz, fs=rate_hz, output="sos"))
     return sosfiltfilt(sections, values, axis=0)
-
-
-def derivative(values: Array, rate_hz: float) -> Array:
-    """Return central differences of five points along the first axis, of two at the ends."""
-    found = np.gradient(values, 1.0 / rate_hz, axis=0)
-    ahead, further = values[3:-1] - values[1:-3], values[4:] - values[:-4]
-    found[2:-2] = (8.0 * ahead - further) * (rate_hz / 12.0)
-    return found
 
 
 def _own_rows(file: str, arm: ArmDescription, name: str) -> tuple[Array, float, Array]:
@@ -390,84 +423,6 @@ def _pose_rows(path: str | Path, arm: ArmDescription) -> Array:
     return rows
 
 
-def _header(path: str | Path) -> list[str] | None:
-    """Return the names in a CSV file's first row, None if it has numbers."""
-    where = Path(path).expanduser()
-    if not where.is_file():
-        return None
-    with where.open("rb") as stream:
-        head = stream.read(1 << 14)
-    if head.startswith(b"\x1f\x8b"):
-        return None
-    first = head.splitlines()[0].decode("utf-8-sig", "replace") if head else ""
-    names = [name.strip() for name in first.split(",")]
-    return names if any(name == "time" or name.endswith("_position") for name in names) else None
-
-
-def _tidy_rows(path: str | Path, header: list[str], joints: tuple[str, ...]) -> tuple[Array, float]:
-    """Return the rows of a CSV file with a header, (k, 3, n), and their rate [Hz]."""
-    file = str(path)
-    first = joints[:POSE_JOINTS]
-    absent = [j for j in joints[POSE_JOINTS:] if f"{j}_position" not in header]
-    silent = [j for j in joints if f"{j}_effort" not in header]
-    needed = ["time", *(f"{j}_position" for j in first)]
-    if len(silent) == len(joints):
-        needed += [f"{j}_effort" for j in first]
-    needed += [f"{j}_position" for j in absent if j not in silent]
-    lacking = [name for name in needed if name not in header]
-    if lacking:
-        raise LogError(
-            file,
-            f"lacks columns {', '.join(lacking)}; allowed: time, JOINT_position, JOINT_velocity"
-            f" (optional) and JOINT_effort of {', '.join(joints)}; the last"
-            f" {len(joints) - len(first)} may be missing, and efforts of single joints",
-            1,
-        )
-    rows: list[list[float]] = []
-    with Path(path).expanduser().open(encoding="utf-8-sig", errors="replace") as stream:
-        next(stream)
-        for number, line in enumerate(stream, 2):
-            fields = line.strip().split(",")
-            try:
-                values = [float(field) for field in fields]
-            except ValueError:
-                values = []
-            if len(values) != len(header) or not np.isfinite(values).all():
-                raise LogError(file, f"got {','.join(fields)[:60]!r}; allowed: finite numbers in"
-                    f" {len(header)} columns", number)  # fmt: skip
-            rows.append(values)
-    if len(rows) < 2:
-        raise LogError(file, f"got {len(rows)} samples; allowed: 2 or more")
-    table = np.array(rows)
-    time = table[:, header.index("time")]
-    steps = np.diff(time)
-    usual = float(np.median(steps))
-    bad = np.flatnonzero(~(np.abs(steps - usual) <= EVEN * usual))
-    if not usual > 0.0 or len(bad):
-        at = int(bad[0]) if len(bad) else 0
-        raise LogError(
-            file,
-            f"time: a step of {steps[at]:.4g} s where the usual one is {usual:.4g} s; allowed: even"
-            f" steps, within {EVEN:.0%}",
-            at + 3,
-        )
-    even = cast("Array", np.linspace(time[0], time[-1], len(time)))
-    rate = (len(time) - 1) / (time[-1] - time[0])
-
-    def quantity(what: str) -> Array:
-        found = np.zeros((len(table), len(joints)))
-        for k, joint in enumerate(joints):
-            if f"{joint}_{what}" in header:
-                found[:, k] = np.interp(even, time, table[:, header.index(f"{joint}_{what}")])
-        return found
-
-    q = quantity("position")
-    moving = [joint for joint in joints if joint not in absent]
-    has_velocity = all(f"{joint}_velocity" in header for joint in moving)
-    qd = quantity("velocity") if has_velocity else derivative(q, rate)
-    return np.stack([q, qd, quantity("effort")], axis=1), rate
-
-
 def _check_columns(log: Log, arm: ArmDescription) -> None:
     """Reject columns whose units, signs or order cannot be right.
 
@@ -477,11 +432,15 @@ def _check_columns(log: Log, arm: ArmDescription) -> None:
     names = arm.mechanism.joint_names
     if not np.abs(log.effort).max() > 0.0:
         raise LogError(log.file, "efforts are zero throughout; allowed: recorded efforts")
-    moved, rates = derivative(log.q, log.rate_hz), log.qd
+    moved = log.by_piece(log.q, lambda v: derivative(v, log.rate_hz))
+    rates = log.qd
     usual = default_filters(arm)
     if slowed(usual, log.rate_hz) is not usual:
         cutoff = SLOW_CUTOFF * log.rate_hz
-        moved, rates = (low_pass(one, cutoff, log.rate_hz, usual) for one in (moved, rates))
+        moved, rates = (
+            log.by_piece(one, lambda v: low_pass(v, cutoff, log.rate_hz, usual))
+            for one in (moved, rates)
+        )
     still = log.still_joints(arm)
     for k, name in enumerate(names[: log.q.shape[1]]):
         if name in still:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -27,7 +27,7 @@ from trocar.robot.identification.logs import (
 )
 from trocar.robot.identification.regression import Weight, loaded, predicted_efforts
 from trocar.robot.identification.validation import Score, score
-from trocar.robot.logs import Wrist
+from trocar.robot.recordings import ReadSettings
 from trocar.robot.standing import StandingArm, standing_arm
 
 Array = NDArray[np.float64]
@@ -39,16 +39,14 @@ class LogSettings:
 
     Attributes:
         tool: that was mounted; None: the default of the description
-        rate_hz, wrist, topic: as for `read_motion`
+        reading: how to read it
         cutoff_hz: of the filters instead of the dynamics' own; None: these [Hz]
         rig: rig in which the arm stands, whose names of arms count then
         base_rpy: rotation of the arm's base in the world, as for `standing_arm` [rad]
     """
 
     tool: str | None = None
-    rate_hz: float = 200.0
-    wrist: Wrist = "motor"
-    topic: str | None = None
+    reading: ReadSettings = field(default_factory=ReadSettings)
     cutoff_hz: float | None = None
     rig: str | Path | None = None
     base_rpy: tuple[float, float, float] | None = None
@@ -63,9 +61,7 @@ class LogSettings:
         return read_motion(
             file,
             standing.arm,
-            self.rate_hz,
-            self.wrist,
-            self.topic,
+            self.reading,
             up=standing.up if known else None,
             name=standing.name,
         )
@@ -109,6 +105,8 @@ class Prediction:
             "dynamics": self.dynamics,
             "weights": self.weights,
             "samples": len(self.effort),
+            "pieces": len(self.log.log.starts),
+            "understood": self.log.log.understood,
             "relative_rms_percent": self.score.relative_rms_percent,
             "rms": self.score.rms,
             "up": self.log.log.up,

@@ -1,9 +1,8 @@
-"""Recordings are read as they come, and refused with file and row when they are none."""
+"""Rows of numbers without a header, and files that hold none."""
 
 from __future__ import annotations
 
 import gzip
-import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,8 @@ from numpy.typing import NDArray
 
 from trocar.descriptions import ArmDescription, load_arm
 from trocar.errors import InputError, LogError
-from trocar.robot.logs import actuators_of_recording, count_rows, read_log
+from trocar.robot.recordings import ArmMotion, ReadSettings, Wrist, read_arm_motion
+from trocar.robot.recordings.motor_side import actuators_of_recording
 
 Array = NDArray[np.float64]
 ROW = ",".join(["0.1"] * 21)
@@ -25,27 +25,27 @@ def psm() -> ArmDescription:
     return load_arm("psm")
 
 
+def read(path: Path, wrist: Wrist = "motor", arm: str = "psm") -> ArmMotion:
+    return read_arm_motion(path, load_arm(arm), ReadSettings(wrist=wrist))
+
+
 @pytest.fixture
 def motion(rng: np.random.Generator) -> tuple[Array, Array, Array]:
-    q, v, effort = rng.uniform(0.0, 0.2, (3, 37, 7))
-    return q, v, effort
+    """A slow motion of every joint with its velocities, at 200 Hz."""
+    phase = 0.01 * np.arange(37)[:, None] + rng.uniform(0.0, 6.0, 7)
+    return 0.1 + 0.05 * np.sin(phase), 0.1 * np.cos(phase), rng.uniform(0.0, 0.2, (37, 7))
 
 
 @pytest.mark.parametrize("name", ["log.csv", "log.csv.gz"])
-@pytest.mark.parametrize("chunk", [1, 10, 37, 100])
 def test_what_the_recorder_wrote_comes_back(
-    psm: ArmDescription,
     motion: tuple[Array, Array, Array],
     write_psm_log: Callable[..., Path],
     tmp_path: Path,
     name: str,
-    chunk: int,
 ) -> None:
-    path = write_psm_log(tmp_path / name, *motion)
-    chunks = list(read_log(path, psm, chunk_rows=chunk))
-    assert max(len(c) for c in chunks) <= chunk
-    np.testing.assert_allclose(np.concatenate(chunks), np.stack(motion, axis=1), atol=1e-12)
-    assert count_rows(path, psm) == 37
+    found = read(write_psm_log(tmp_path / name, *motion))
+    np.testing.assert_allclose(found.rows, np.stack(motion, axis=1), atol=1e-12)
+    assert (len(found.times), found.starts) == (37, (0,))
 
 
 def test_the_tools_own_coupling_is_the_recorders(psm: ArmDescription) -> None:
@@ -57,32 +57,30 @@ def test_the_tools_own_coupling_is_the_recorders(psm: ArmDescription) -> None:
 
 
 def test_power_is_the_same_on_both_sides_of_the_wrist(
-    psm: ArmDescription,
     motion: tuple[Array, Array, Array],
     write_psm_log: Callable[..., Path],
     tmp_path: Path,
 ) -> None:
     path = write_psm_log(tmp_path / "log.csv", *motion)
-    (joints,) = read_log(path, psm)
-    (motors,) = read_log(path, psm, wrist="joint")
+    joints, motors = (read(path, wrist).rows for wrist in ("motor", "joint"))
     power = [(rows[:, 1] * rows[:, 2]).sum(axis=1) for rows in (joints, motors)]
     np.testing.assert_allclose(power[0], power[1], atol=1e-12)
     assert np.abs(joints - motors).max() > 1e-3
 
 
-def test_joint_side_recordings_are_taken_as_they_are(psm: ArmDescription, tmp_path: Path) -> None:
+def test_joint_side_recordings_are_taken_as_they_are(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text(f"{ROW}\n{ROW}\n")
-    (rows,) = read_log(path, psm, wrist="joint")
+    rows = read(path, "joint").rows
     np.testing.assert_array_equal(rows, np.full((2, 3, 7), 0.1))
 
 
 def test_windows_line_ends_a_byte_order_mark_and_blank_rows_at_the_end_are_fine(
-    psm: ArmDescription, tmp_path: Path
+    tmp_path: Path,
 ) -> None:
     path = tmp_path / "log.csv"
     path.write_bytes(b"\xef\xbb\xbf" + f"{ROW}\r\n{ROW}\r\n\r\n  \r\n".encode())
-    assert count_rows(path, psm) == 2
+    assert len(read(path).times) == 2
 
 
 BAD_ROWS = {
@@ -100,11 +98,11 @@ BAD_ROWS = {
 
 
 @pytest.mark.parametrize(("row", "problem"), BAD_ROWS.values(), ids=BAD_ROWS)
-def test_a_bad_row_is_named(psm: ArmDescription, tmp_path: Path, row: str, problem: str) -> None:
+def test_a_bad_row_is_named(tmp_path: Path, row: str, problem: str) -> None:
     path = tmp_path / "log.csv"
     path.write_text("\n".join([ROW] * 600 + [row, ROW]) + "\n")
     with pytest.raises(LogError) as caught:
-        count_rows(path, psm)
+        read(path)
     assert problem in str(caught.value)
     assert str(path) in str(caught.value)
     assert caught.value.row == 601
@@ -154,11 +152,11 @@ def damaged_gzip(path: Path) -> None:
     [
         (empty, "is empty; allowed: 2 rows or more"),
         (one_row, "got 1 row; allowed: 2 rows or more"),
-        (folder, "is a folder"),
+        (folder, "contains no rosbag 2 file"),
         (
             absent,
-            "no such file; allowed: a recording of trocar's own (MCAP), a CSV file"
-            " (plain or gzip), rosbag 1 (.bag), rosbag 2, MCAP",
+            "no such file; allowed: a recording of trocar's own (MCAP), a text file of numbers"
+            " (plain or gzip), rosbag 1 (.bag), rosbag 2, MCAP, a dataset of LeRobot's",
         ),
         (picture, "is not text"),
         (endless, "row too long"),
@@ -168,45 +166,26 @@ def damaged_gzip(path: Path) -> None:
     ],
 )
 def test_what_is_no_recording_is_refused(
-    psm: ArmDescription, tmp_path: Path, make: Callable[[Path], None], problem: str
+    tmp_path: Path, make: Callable[[Path], None], problem: str
 ) -> None:
     path = tmp_path / "log.csv.gz"
     make(path)
     with pytest.raises(LogError) as caught:
-        count_rows(path, psm)
+        read(path)
     assert problem in str(caught.value)
     assert str(path) in str(caught.value)
 
 
-def test_a_truncated_gzip_file_names_the_row_where_it_ends(
-    psm: ArmDescription, tmp_path: Path
-) -> None:
+def test_a_truncated_gzip_file_names_the_row_where_it_ends(tmp_path: Path) -> None:
     path = tmp_path / "log.csv.gz"
     cut_gzip(path)
     with pytest.raises(LogError) as caught:
-        count_rows(path, psm)
+        read(path)
     assert caught.value.row is not None
     assert 1000 < caught.value.row < 5000
 
 
-def test_wrist_is_motor_or_joint(psm: ArmDescription, tmp_path: Path) -> None:
+def test_wrist_is_motor_or_joint() -> None:
     wrong: Any = "finger"
     with pytest.raises(InputError, match="got 'finger'; allowed: motor, joint"):
-        count_rows(tmp_path / "log.csv", psm, wrong)
-
-
-@pytest.mark.slow
-def test_memory_does_not_grow_with_the_recording(psm: ArmDescription, tmp_path: Path) -> None:
-    path = tmp_path / "log.csv"
-    path.write_text(f"{ROW}\n" * 12_000)
-    for _ in read_log(path, psm):  # whatever is loaded once is loaded now
-        break
-    tracemalloc.start()
-    try:
-        assert count_rows(path, psm) == 12_000
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-    assert (
-        peak < 1.5e6
-    )  # the whole recording takes 2 MB as numbers, a chunk 0.1 MB and as text 0.4 MB
+        ReadSettings(wrist=wrong)

@@ -1,0 +1,508 @@
+"""One reader of kinematic recordings: bags, text of any layout, and datasets."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.descriptions import ArmDescription
+from trocar.errors import InputError, LogError, UnknownNameError
+from trocar.recording import is_recording
+from trocar.recording.bags import is_bag, open_bag
+from trocar.robot.recordings.arm_motion import QUANTITIES, ArmMotion, checked_motion
+from trocar.robot.recordings.columns import (
+    ARM_WORDS,
+    FEWEST_JOINTS,
+    UNITS,
+    ArmPlaces,
+    ScaledColumn,
+    choose_arm,
+    chosen_places,
+    find_arms,
+    is_time,
+    lacking,
+    time_scale,
+)
+from trocar.robot.recordings.motor_side import Wrist, joints_from_motors, recorded_joints
+from trocar.robot.recordings.parquet import is_parquet, read_parquet
+from trocar.robot.recordings.tables import READABLE, NumberTable, read_table
+from trocar.robot.recordings.tip_poses import (
+    centred_base,
+    out_of_reach,
+    pose_from_numbers,
+    solved_tips,
+)
+from trocar.robot.recordings.topics import arm_of, read_bag_motion, state_topics
+
+Array = NDArray[np.float64]
+Kind = Literal["recording", "bag", "table", "rows"]
+
+#: Rate of rows without times that have velocities, which confirm it [Hz]. Source: the recorder of
+#: dvrk_dynamics_identification.
+ROWS_HZ = 200.0
+#: The public layout of JIGSAWS: 19 columns each of the left and right master, the left and right
+#: slave: position of the tip [m], its rotation matrix row by row, linear and angular velocity, and
+#: angle of the gripper [rad]. Source: Gao et al., JIGSAWS, M2CAI 2014, and its readme; 30 Hz.
+JIGSAWS, JIGSAWS_HZ = 76, 30.0
+JIGSAWS_ARMS = ("master_left", "master_right", "slave_left", "slave_right")
+#: Range of rates by which a unit of time is told [Hz]. Source: our own choice; s, ms, us and ns are
+#: a thousand apart.
+RATES_HZ = 2.0, 10_000.0
+#: Largest position of a tip [m]. Source: our own choice; a PSM reaches 0.3 m.
+FARTHEST_M = 2.0
+#: Position [m] and part of a rotation beyond which a pose is a row without one. Source: our own
+#: choice; a part of a rotation is 1 at most.
+MOST_M, MOST_TURN = 1e3, 2.0
+#: Largest ratio of poses out of an arm's reach, which are left out. Source: our own choice.
+MOST_MISSED = 0.1
+#: Least correlation of a joint's velocities with differences of its positions. Source: our own
+#: choice.
+ALIKE = 0.5
+
+
+@dataclass(frozen=True)
+class ReadSettings:
+    """Settings for reading a recording.
+
+    Attributes:
+        rate_hz: of rows without times [Hz]; of motions with times the rate that they are read at
+        wrist: of rows without a header: on which side of the coupling coupled joints were recorded
+        topic, jaw: of a bag: topics of the joint states and of the jaw; found by name when omitted
+        of: name of the arm in the file, where it holds several
+        columns: "[ARM.]WHAT=COLUMNS[UNIT]" of a table, see `chosen_places`; by its header when
+            omitted
+        units: of columns that do not say theirs, "deg/mm"; None: rad and m
+        base: of poses of the tip: the arm's own base in their frame, (4, 4); "centred": where the
+            mean pose is that of its home; None: the poses are in it
+        episode: of a dataset
+    """
+
+    rate_hz: float | None = None
+    wrist: Wrist = "motor"
+    topic: str | None = None
+    jaw: str | None = None
+    of: str | None = None
+    columns: tuple[str, ...] = ()
+    units: str | None = None
+    base: Array | Literal["centred"] | None = None
+    episode: int | None = None
+
+    def __post_init__(self) -> None:
+        """Check the settings.
+
+        Raises:
+            InputError: a rate that is not above 0, or another wrist
+        """
+        if self.wrist not in ("motor", "joint"):
+            raise InputError(f"wrist: got {self.wrist!r}; allowed: motor, joint")
+        if self.rate_hz is not None and not 0.0 < self.rate_hz < np.inf:
+            raise InputError(f"rate: got {self.rate_hz!r} Hz; allowed: more than 0")
+
+
+def recording_kind(path: str | Path) -> Kind:
+    """Determine the kind of a file: a recording, a bag, or a table with or without a header."""
+    if is_parquet(path):
+        return "table"
+    if is_recording(path):
+        return "recording"
+    if is_bag(path):
+        return "bag"
+    return "table" if read_table(path, most_rows=1).names else "rows"
+
+
+def read_arm_motion(
+    path: str | Path,
+    arm: ArmDescription,
+    how: ReadSettings | None = None,
+    *,
+    partial: bool = False,
+) -> ArmMotion:
+    """Read the motion of an arm.
+
+    Args:
+        path: a bag, a text file or a dataset
+        arm: the recorded arm, with the tool that was mounted
+        how: how to read it; the defaults when omitted
+        partial: whether a table may lack joints after the third, which then are 0
+
+    Raises:
+        LogError: it cannot be read, or is no recording of this arm; file and row are named
+        InputError: a setting, or one that is needed
+        MissingExtraError: a library for this kind of file is not installed
+    """
+    how = how or ReadSettings()
+    if not Path(path).expanduser().exists():
+        raise LogError(str(path), f"no such file; allowed: {READABLE}")
+    if not is_parquet(path) and is_bag(path):
+        motion = read_bag_motion(open_bag(path), arm, how.topic, how.jaw, how.of)
+        return checked_motion(motion, arm, rate_given=True)
+    table = _table(path, how)
+    if not table.names and not how.columns and table.values.shape[1] != JIGSAWS:
+        return _bare_motion(table, arm, how, partial)
+    places, chosen = _places(table, arm, how)
+    one = _one_arm(table, arm, how, chosen)
+    motion = _motion_of(table, arm, how, one, _times(table, places, how))
+    joints = recorded_joints(arm)
+    absent = [j for j in joints[: len(joints) - arm.has_jaw] if j not in motion.recorded[0]]
+    if absent and not partial:
+        raise _lacks(table.file, absent, joints)
+    return motion
+
+
+def read_tip_positions(
+    path: str | Path, arm: ArmDescription, how: ReadSettings
+) -> tuple[str, Array, Array] | None:
+    """Read the positions of an arm's tip from a table that holds them.
+
+    Args:
+        path: a text file or a dataset
+        arm: the recorded arm
+        how: how to read it
+
+    Returns:
+        name of the arm in the file, times (k,) [s], positions (k, 3) [m]; None from other files
+
+    Raises:
+        LogError, InputError: as for `read_arm_motion`
+    """
+    if not is_parquet(path) and is_bag(path):
+        return None
+    table = _table(path, how)
+    if not table.names and not how.columns and table.values.shape[1] != JIGSAWS:
+        return None
+    places, chosen = _places(table, arm, how)
+    one = _one_arm(table, arm, how, chosen)
+    if not all(part in one.tip for part in "xyz"):
+        return None
+    times, _ = _times(table, places, how)
+    p = np.stack([_values(table, one.tip[part], how, "m") for part in "xyz"], axis=1)
+    known = np.isfinite(p).all(axis=1) & np.isfinite(times)
+    return one.label, times[known], p[known]
+
+
+def arms_in(path: str | Path, arm: ArmDescription, how: ReadSettings | None = None) -> list[str]:
+    """List the arms of a bag or table that may be of a description's type, by their names in it.
+
+    Args:
+        path: a bag, a text file or a dataset
+        arm: a description of their type
+        how: how to read it
+    """
+    how = how or ReadSettings()
+    if not is_parquet(path) and is_bag(path):
+        labels = [arm_of(topic) for topic in state_topics(open_bag(path))]
+    else:
+        table = _table(path, how)
+        bare = not table.names and not how.columns and table.values.shape[1] != JIGSAWS
+        labels = [""] if bare else [one.label for one in _places(table, arm, how)[1]]
+    return [
+        label
+        for label in dict.fromkeys(labels)
+        if label.upper().startswith(arm.type) or not ARM_WORDS.match(label)
+    ]
+
+
+def _table(path: str | Path, how: ReadSettings) -> NumberTable:
+    table = read_parquet(path, how.episode) if is_parquet(path) else read_table(path)
+    if not len(table.values):
+        raise LogError(table.file, "is empty; allowed: 2 rows or more")
+    return table
+
+
+def _places(
+    table: NumberTable, arm: ArmDescription, how: ReadSettings
+) -> tuple[ScaledColumn | None, list[ArmPlaces]]:
+    """Return the column of times that is given, and the columns of each arm."""
+    joints, width = recorded_joints(arm), table.values.shape[1]
+    if how.columns:
+        return chosen_places(how.columns, table.names, width, joints)
+    if table.names:
+        return None, find_arms(table.names, joints, arm.has_jaw)
+    return None, [_jigsaws(k, label, joints, arm) for k, label in enumerate(JIGSAWS_ARMS)]
+
+
+def _jigsaws(k: int, label: str, joints: Sequence[str], arm: ArmDescription) -> ArmPlaces:
+    first = 19 * k
+    tip = {part: ScaledColumn(first + i) for i, part in enumerate("xyz")}
+    tip |= {f"r{i}": ScaledColumn(first + 3 + i) for i in range(9)}
+    jaw = {joints[-1]: ScaledColumn(first + 18)} if arm.has_jaw else {}
+    return ArmPlaces(label, jaw, {}, {}, tip)
+
+
+def _one_arm(
+    table: NumberTable, arm: ArmDescription, how: ReadSettings, found: Sequence[ArmPlaces]
+) -> ArmPlaces:
+    """Choose the arm's columns."""
+    joints = recorded_joints(arm)
+    own = joints[: len(joints) - arm.has_jaw]
+    if not found:
+        if missing := lacking(table.names, own):
+            raise _lacks(table.file, missing, joints)
+        seen = ", ".join(table.names)[:200]
+        raise LogError(
+            table.file,
+            f"has no columns of the joints of {arm.name}: {seen}; allowed: {_allowed(joints)}",
+            1,
+        )
+    label = choose_arm(table.file, [a.label for a in found], arm.name, arm.type, how.of)
+    one = next(a for a in found if a.label == label)
+    return one
+
+
+def _lacks(file: str, missing: Sequence[str], joints: Sequence[str]) -> LogError:
+    names = ", ".join(f"{joint}_position" for joint in missing)
+    return LogError(file, f"lacks columns {names}; allowed: {_allowed(joints)}", 1)
+
+
+def _allowed(joints: Sequence[str]) -> str:
+    return (
+        "time, and JOINT_position, JOINT_velocity (optional), JOINT_effort (optional) of"
+        f" {', '.join(joints)} or their numbers, or --columns"
+    )
+
+
+def _motion_of(
+    table: NumberTable,
+    arm: ArmDescription,
+    how: ReadSettings,
+    places: ArmPlaces,
+    timing: tuple[Array, bool],
+) -> ArmMotion:
+    """Collect an arm's columns, row by row."""
+    joints = recorded_joints(arm)
+    own = joints[: len(joints) - arm.has_jaw]
+    times, timed = timing
+    slides = {j.name: j.kind == "prismatic" for j in arm.joints}
+    rows = np.full((len(times), 3, len(joints)), np.nan)
+    recorded = [set[str](), set[str](), set[str]()]
+    solved = places.has_tip and not all(joint in places.position for joint in own)
+    for quantity, given in enumerate((places.position, places.velocity, places.effort)):
+        for joint, place in given.items():
+            if joint not in joints or (solved and joint in own):
+                continue
+            kind = "" if quantity == 2 else "m" if slides[joint] else "rad"
+            rows[:, quantity, joints.index(joint)] = _values(table, place, how, kind)
+            recorded[quantity].add(joint)
+    notes = [*table.notes]
+    if solved:
+        tip = _tips(table, how, places)
+        known = np.isfinite(tip).all(axis=(1, 2)) & np.isfinite(times)
+        base, of = how.base, "as given"
+        if base is None:
+            base, of = np.eye(4), "in the frame of the poses"
+        elif isinstance(base, str):
+            base, of = centred_base(arm, tip[known]), "placed so that the mean pose is home"
+        q, missed = solved_tips(arm, tip[known], base)
+        if len(missed) > MOST_MISSED * len(q):
+            row, problem = next(iter(missed.items()))
+            raise out_of_reach(
+                table.file,
+                f"{len(missed)} of {len(q)} poses are out of reach, the first in row"
+                f" {table.rows[known][row]}",
+                problem,
+            )
+        rows[known, 0, : len(own)] = q
+        recorded[0].update(own)
+        notes.append(f"joints from poses of the tip, base {of}")
+    present = [joints.index(joint) for joint in own if joint in recorded[0]]
+    known = np.isfinite(rows[:, 0, present]).all(axis=1) & np.isfinite(times)
+    if not known.all():
+        notes.append(f"{int((~known).sum())} of {len(known)} rows without positions left out")
+    if known.sum() < 2:
+        raise LogError(table.file, f"got {int(known.sum())} rows with positions; allowed: 2 rows"
+                       " or more")  # fmt: skip
+    for quantity in range(3):
+        for k, joint in enumerate(joints):
+            column = rows[:, quantity, k]
+            has = np.isfinite(column) & np.isfinite(times)
+            if not has.any():
+                column[:] = 0.0
+                recorded[quantity].discard(joint)
+            elif not has[known].all():
+                order = np.argsort(times[has], kind="stable")
+                column[known] = np.interp(times[known], times[has][order], column[has][order])
+    motion = ArmMotion(
+        table.file,
+        places.label or arm.name,
+        joints,
+        times[known],
+        rows[known],
+        (frozenset(recorded[0]), frozenset(recorded[1]), frozenset(recorded[2])),
+        timed=timed,
+        notes=tuple(notes),
+    )
+    given = timed or how.rate_hz is not None
+    return checked_motion(motion, arm, given, int(table.rows[known][0]))
+
+
+def _tips(table: NumberTable, how: ReadSettings, places: ArmPlaces) -> Array:
+    """Return the poses of the tip, (k, 4, 4); NaN in rows without one."""
+    p = np.stack([_values(table, places.tip[part], how, "m") for part in "xyz"], axis=1)
+    if np.nanmedian(np.abs(p)) > FARTHEST_M:
+        raise LogError(
+            table.file,
+            f"the tip is {np.nanmedian(np.abs(p)):.3g} m away; allowed: {FARTHEST_M:g} m (another"
+            " unit: --units rad/mm)",
+        )
+    parts = ("qw", "qx", "qy", "qz") if "qw" in places.tip else tuple(f"r{k}" for k in range(9))
+    turn = np.stack([_values(table, places.tip[part], how, "") for part in parts], axis=1)
+    found = np.full((len(p), 4, 4), np.nan)
+    near = (np.abs(p) < MOST_M).all(axis=1) & (np.abs(turn) < MOST_TURN).all(axis=1)
+    for k in np.flatnonzero(near).tolist():
+        found[k] = pose_from_numbers(table.file, f"row {table.rows[k]}", p[k], turn[k])
+    return found
+
+
+def _values(table: NumberTable, place: ScaledColumn, how: ReadSettings, kind: str) -> Array:
+    """Return a column in SI units.
+
+    Args:
+        table, place: the column
+        how: has the units of columns that do not say theirs
+        kind: "rad", "m", or "" for what has no other unit
+
+    Raises:
+        LogError: a field that is neither a number nor empty
+    """
+    if place.column in table.texts:
+        row, text = table.texts[place.column]
+        name = table.names[place.column] if table.names else f"column {place.column + 1}"
+        raise LogError(table.file, f"{name}: got {text!r}; allowed: a number", row)
+    scale = place.scale or _units(how.units).get(kind, 1.0)
+    return table.values[:, place.column] * scale
+
+
+def _units(text: str | None) -> Mapping[str, float]:
+    """Return the factors that bring angles and lengths without a unit to SI."""
+    found: dict[str, float] = {}
+    for word in re.split(r"[/, ]+", text) if text else ():
+        kind, scale = UNITS.get(word.lower(), ("", 0.0))
+        if kind not in ("angle", "length"):
+            known = [unit for unit, (k, _) in UNITS.items() if k in ("angle", "length")]
+            raise UnknownNameError("unit", word, known, "--units")
+        found["rad" if kind == "angle" else "m"] = scale
+    return found
+
+
+def _times(table: NumberTable, place: ScaledColumn | None, how: ReadSettings) -> tuple[Array, bool]:
+    """Return the times of the rows [s], and whether the file has them."""
+    names = [name.strip() for name in table.names]
+    lower = [name.lower() for name in names]
+    split = next(
+        (
+            (lower.index(name), lower.index(name.removesuffix(a) + b))
+            for a, b in (("secs", "nsecs"), ("sec", "nanosec"), ("sec", "nsec"))
+            for name in lower
+            if name.endswith(a) and name.removesuffix(a) + b in lower
+        ),
+        None,
+    )
+    if place is None and split is not None:
+        return table.values[:, split[0]] + 1e-9 * table.values[:, split[1]], True
+    if place is None:
+        known = [k for k, name in enumerate(names)
+                 if is_time(name) and k not in table.texts
+                 and np.isfinite(table.values[:, k]).any()]  # fmt: skip
+        stamps = [k for k in known if "stamp" in lower[k] and "header" in lower[k]]
+        if known:
+            column = (stamps or known)[0]
+            place = ScaledColumn(column, time_scale(names[column]) or 0.0)
+    if place is None:
+        rate = how.rate_hz or (JIGSAWS_HZ if table.values.shape[1] == JIGSAWS else 0.0)
+        if not rate:
+            raise InputError(f"{table.file}: has no times; give the rate of its rows, --rate HZ")
+        return np.arange(len(table.values)) / rate, False
+    times = _values(table, ScaledColumn(place.column, 1.0), how, "")
+    steps = np.diff(times[np.isfinite(times)])
+    usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
+    if not usual > 0.0 and len(steps):
+        raise LogError(table.file, "the times do not rise; name their column, --columns time=NAME")
+    scale = place.scale
+    if not scale:
+        units = (1.0, 1e-3, 1e-6, 1e-9)
+        fitting = [s for s in units if 1.0 / RATES_HZ[1] < usual * s < 1.0 / RATES_HZ[0]]
+        scale = fitting[0] if fitting else 1.0
+    # whole nanoseconds of today lose their last digits as float64: count from the first
+    first = times[np.flatnonzero(np.isfinite(times))[0]]
+    return (times - first) * scale, True
+
+
+def _bare_motion(
+    table: NumberTable, arm: ArmDescription, how: ReadSettings, partial: bool
+) -> ArmMotion:
+    """Read rows without a header: positions, velocities, efforts of all joints, in this order.
+
+    A first column that rises evenly is the time. Velocities and efforts may be missing; with
+    `partial` all three may be those of the first three joints.
+    """
+    joints = recorded_joints(arm)
+    if table.holes:
+        column, (row, text) = min(table.holes.items(), key=lambda one: one[1][0])
+        raise LogError(table.file, f"column {column + 1}: got {text!r}; allowed: a number", row)
+    own = len(joints) - arm.has_jaw
+    counts = {k * n: (k, n) for n in (own, len(joints)) for k in (1, 2, 3)}
+    if partial:
+        counts.setdefault(3 * FEWEST_JOINTS, (3, FEWEST_JOINTS))
+    width = table.values.shape[1]
+    asked = width not in counts or (how.rate_hz is None and width <= len(joints))
+    timed = width - 1 in counts and asked and _rises(table.values[:, 0])
+    if not timed and width not in counts:
+        raise LogError(
+            table.file,
+            f"got {width} columns; allowed: {3 * len(joints)} ({', '.join(QUANTITIES)} of"
+            f" {', '.join(joints)}), {2 * len(joints)} or {len(joints)}, a column of times before"
+            " them, or --columns",
+            int(table.rows[0]),
+        )
+    parts, count = counts[width - timed]
+    values = table.values[:, timed:].reshape(-1, parts, count)
+    if parts == 2 and not _alike(values[:, 0], values[:, 1]):
+        raise InputError(
+            f"{table.file}: {2 * count} columns are not positions and their velocities; name them,"
+            f" e.g. --columns PSM1.position=0:{count} PSM2.position={count}:{2 * count}"
+        )
+    rows = np.zeros((len(values), 3, len(joints)))
+    rows[:, :parts, :count] = values
+    if how.wrist == "motor" and count == len(joints):
+        rows = joints_from_motors(rows, arm)
+    units = _units(how.units)
+    slides = np.array([joint.kind == "prismatic" for joint in arm.joints[: len(joints)]])
+    rows[:, :2] *= np.where(slides, units.get("m", 1.0), units.get("rad", 1.0))
+    if timed:
+        times, _ = _times(table, ScaledColumn(0, 0.0), how)
+    else:
+        if how.rate_hz is None and parts == 1:
+            raise InputError(f"{table.file}: has no times; give the rate of its rows, --rate HZ")
+        times = np.arange(len(rows)) / (how.rate_hz or ROWS_HZ)
+    known, none = frozenset(joints[:count]), frozenset[str]()
+    velocities = known if parts > 1 and rows[:, 1].any() else none
+    efforts = known if parts > 2 and rows[:, 2].any() else none
+    motion = ArmMotion(
+        table.file, arm.name, joints, times, rows, (known, velocities, efforts),
+        timed=timed, notes=table.notes,
+    )  # fmt: skip
+    return checked_motion(motion, arm, timed or how.rate_hz is not None, int(table.rows[0]))
+
+
+def _rises(column: Array) -> bool:
+    """Return whether numbers rise in even steps, but for pauses, as times do."""
+    steps = np.diff(column)
+    if not len(steps):
+        return False
+    usual = float(np.median(steps))
+    return usual > 0.0 and float(np.mean(np.abs(steps - usual) < 0.5 * usual)) > 0.9
+
+
+def _alike(positions: Array, velocities: Array) -> bool:
+    """Return whether most of the joints that move have the velocities of their positions."""
+    moved = np.diff(positions, axis=0)
+    told = 0.5 * (velocities[:-1] + velocities[1:])
+    sizes = np.linalg.norm(moved, axis=0) * np.linalg.norm(told, axis=0)
+    ratios = (moved * told).sum(axis=0)[sizes > 0.0] / sizes[sizes > 0.0]
+    return not len(ratios) or float(np.median(ratios)) > ALIKE

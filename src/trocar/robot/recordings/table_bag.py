@@ -1,0 +1,71 @@
+"""A table of numbers as a bag of joint states, which a mirror plays."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Collection, Iterator, Mapping
+from pathlib import Path
+
+from trocar.descriptions import ArmDescription
+from trocar.errors import LogError, TrocarError
+from trocar.recording.bags import JOINT_STATE, Bag, ImageMessage, JointMessage, PoseMessage
+from trocar.robot.recordings.arm_motion import ArmMotion
+from trocar.robot.recordings.columns import choose_arm
+from trocar.robot.recordings.read import ReadSettings, arms_in, read_arm_motion
+
+
+def bag_of_table(
+    path: str | Path, arms: Mapping[str, ArmDescription], rate_hz: float | None = None
+) -> Bag:
+    """Read a table's arms as joint states in topics /ARM/measured_js.
+
+    Args:
+        path: a text file or a Parquet file
+        arms: {name: description} of the arms that may be in it
+        rate_hz: of rows without times [Hz]
+
+    Raises:
+        LogError, InputError: as for `read_arm_motion`, or none of the arms is in it
+    """
+    found: dict[str, ArmMotion] = {}
+    failure: TrocarError | None = None
+    used: set[str | None] = set()
+    for name, arm in arms.items():
+        labels = arms_in(path, arm, ReadSettings(rate_hz=rate_hz)) or [""]
+        named = [label for label in labels if label.upper() in {one.upper() for one in arms}]
+        try:
+            of = choose_arm(str(path), named or labels, name, arm.type, name if named else None)
+            if of in used:
+                continue
+            how = ReadSettings(rate_hz=rate_hz, of=of or None)
+            found[name] = read_arm_motion(path, arm, how)
+            used.add(of)
+        except TrocarError as problem:
+            failure = failure or problem
+    if not found:
+        raise failure or LogError(str(path), f"holds none of the arms {', '.join(arms)}")
+
+    def messages(wanted: Collection[str]) -> Iterator[JointMessage]:
+        streams = (_messages(name, one) for name, one in found.items() if topic(name) in wanted)
+        yield from heapq.merge(*streams, key=lambda message: message.time)
+
+    def topic(name: str) -> str:
+        return f"{name}/measured_js"
+
+    def poses(_wanted: Collection[str]) -> Iterator[PoseMessage]:
+        return iter(())
+
+    def images(_wanted: Collection[str]) -> Iterator[ImageMessage]:
+        return iter(())
+
+    return Bag(str(path), {topic(name): JOINT_STATE for name in found}, messages, poses, images)
+
+
+def _messages(name: str, motion: ArmMotion) -> Iterator[JointMessage]:
+    """Yield the samples of an arm; a jaw that was not recorded is left out."""
+    kept = [k for k, joint in enumerate(motion.joints) if joint in motion.recorded[0]]
+    names = [motion.joints[k] for k in kept]
+    for time, rows in zip(motion.times.tolist(), motion.rows, strict=True):
+        q, qd, effort = rows[:, kept]
+        fields = {"stamp": time, "name": names, "position": q, "velocity": qd, "effort": effort}
+        yield JointMessage(f"{name}/measured_js", time, fields)

@@ -1,0 +1,375 @@
+"""Tables of any layout hold the same motion: headers, units, rates, several arms, poses."""
+
+from __future__ import annotations
+
+import gzip
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from trocar.descriptions import load_arm
+from trocar.errors import InputError, LogError, UnknownNameError
+from trocar.kinematics.chain_pose import chain_pose
+from trocar.robot.recordings import ReadSettings, read_arm_motion, tip_motions
+from trocar.robot.recordings.columns import taken_apart
+
+Array = NDArray[np.float64]
+PSM = load_arm("psm")
+JOINTS = PSM.mechanism.joint_names
+TURNS = np.array([joint.kind == "revolute" for joint in PSM.joints])
+
+
+def motion(rate_hz: float = 30.0, count: int = 60) -> tuple[Array, Array, Array]:
+    """Times, positions and velocities of all joints of a PSM."""
+    time = np.arange(count) / rate_hz
+    phase = time[:, None] + np.arange(7)
+    middle = np.array([0.1, -0.2, 0.15, 0.3, 0.1, 0.2, 0.5])
+    size = np.array([0.2, 0.2, 0.03, 0.4, 0.2, 0.2, 0.2])
+    return time, middle + size * np.sin(phase), size * np.cos(phase)
+
+
+def csv(path: Path, header: Sequence[str], table: Array, separator: str = ",") -> Path:
+    lines = [separator.join(header)] if header else []
+    lines += [separator.join(f"{value:.12g}" for value in row) for row in table]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def dvrk(name: str) -> str:
+    return name if name == "jaw" else f"outer_{name}"
+
+
+HEADERS: dict[str, Callable[[], list[str]]] = {
+    "ours": lambda: ["time", *(f"{j}_position" for j in JOINTS)],
+    "dvrk names": lambda: ["timestamp", *(f"PSM1_{dvrk(j)}" for j in JOINTS)],
+    "numbers": lambda: ["Time (s)", *(f"q{k}" for k in range(1, 8))],
+    "numbers from 0": lambda: ["t", *(f"joint_{k}.pos" for k in range(7))],
+    "rostopic": lambda: ["field.header.stamp", *(f"field.position{k}" for k in range(7))],
+    "plotjuggler": lambda: [
+        "__time",
+        *(f"/PSM1/measured_js/{dvrk(j)}/position" for j in JOINTS[:6]),
+        "/PSM1/jaw/measured_js/jaw/position",
+    ],
+    "dvrk 1": lambda: [
+        "%time",
+        *(f"dvrk_PSM1_state_joint_current_{k}" for k in range(6)),
+        "dvrk_PSM1_state_jaw_current_0",
+    ],
+    "camel": lambda: ["Timestamp", *(f"psm1JointPosition{k}" for k in range(1, 8))],
+    "spaces": lambda: ["time", *(f"PSM1 {j.replace('_', ' ')}" for j in JOINTS)],
+}
+
+
+@pytest.mark.parametrize("header", HEADERS.values(), ids=HEADERS)
+def test_a_header_of_any_style_names_the_same_motion(
+    tmp_path: Path, header: Callable[[], list[str]]
+) -> None:
+    time, q, v = motion()
+    names = header()
+    nanoseconds = names[0] in ("%time", "field.header.stamp")
+    stamp = 1e9 * (1_700_000_000 + time) if nanoseconds else time
+    lines = [",".join(names)]
+    for t, row in zip(stamp, q, strict=True):
+        lines.append(",".join([f"{t:.9f}", *(f"{value:.12g}" for value in row)]))
+    (tmp_path / "log.csv").write_text("\n".join(lines))
+    found = read_arm_motion(tmp_path / "log.csv", PSM)
+    np.testing.assert_allclose(found.rows[:, 0], q, atol=1e-9)
+    # nanoseconds of today are rounded to 256 by float64
+    assert found.rate_hz == pytest.approx(30.0, rel=1e-4)
+    # differences of five points: h^4 / 30
+    np.testing.assert_allclose(found.rows[2:-2, 1], v[2:-2], atol=1e-4)
+    assert found.recorded[1] == found.recorded[2] == frozenset()
+    assert "7 joints at 30.0 Hz, velocities by differences, no efforts" in found.understood()
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t", " "])
+@pytest.mark.parametrize("decimal", [".", ","])
+def test_separators_and_decimal_commas_are_found(
+    tmp_path: Path, separator: str, decimal: str
+) -> None:
+    if decimal == "," and separator != ";":
+        pytest.skip("a decimal comma needs semicolons")
+    time, q, _ = motion()
+    names = ["time", *(f"{j}_position" for j in JOINTS)]
+    path = csv(tmp_path / "log.txt", names, np.column_stack([time, q]), separator)
+    if decimal == ",":
+        path.write_text(path.read_text().replace(".", ","))
+    np.testing.assert_allclose(read_arm_motion(path, PSM).rows[:, 0], q, atol=1e-9)
+
+
+def test_columns_in_lists_comments_and_a_gzip_file_are_read(tmp_path: Path) -> None:
+    time, q, _ = motion()
+    lines = ["# recorded on a Tuesday", "time,name,position"]
+    lines += [f'{t:.6f},"PSM1","[{", ".join(map(str, row))}]"'
+              for t, row in zip(time, q.tolist(), strict=True)]  # fmt: skip
+    path = tmp_path / "log.csv.gz"
+    path.write_bytes(gzip.compress("\n".join(lines).encode()))
+    np.testing.assert_allclose(read_arm_motion(path, PSM).rows[:, 0], q, atol=1e-9)
+
+
+def test_units_are_those_of_the_header_or_the_given_ones(tmp_path: Path) -> None:
+    time, q, _ = motion()
+    scaled = np.column_stack([1e3 * time, np.where(TURNS, np.rad2deg(q), 1e3 * q)])
+    named = ["t [ms]", *(f"{j} [{'deg' if t else 'mm'}]" for j, t in zip(JOINTS, TURNS,
+                                                                      strict=True))]  # fmt: skip
+    path = csv(tmp_path / "named.csv", named, scaled)
+    np.testing.assert_allclose(read_arm_motion(path, PSM).rows[:, 0], q, atol=1e-9)
+    suffixed = [
+        "t_ms",
+        *(f"{j}_{'deg' if t else 'mm'}" for j, t in zip(JOINTS, TURNS, strict=True)),
+    ]
+    path = csv(tmp_path / "suffixed.csv", suffixed, scaled)
+    np.testing.assert_allclose(read_arm_motion(path, PSM).rows[:, 0], q, atol=1e-9)
+    path = csv(tmp_path / "bare.csv", ["t", *JOINTS], scaled)
+    with pytest.raises(LogError, match="would fit in other units: --units deg/mm"):
+        read_arm_motion(path, PSM)
+    found = read_arm_motion(path, PSM, ReadSettings(units="deg/mm"))
+    np.testing.assert_allclose(found.rows[:, 0], q, atol=1e-9)
+    assert found.rate_hz == pytest.approx(30.0)  # times of 33.3 are milliseconds
+    with pytest.raises(UnknownNameError, match="furlong"):
+        read_arm_motion(path, PSM, ReadSettings(units="furlong"))
+
+
+def test_one_of_two_arms_is_chosen_by_its_name(tmp_path: Path) -> None:
+    time, q, _ = motion()
+    names = ["time", *(f"{arm}.{j}_rad" if j != "insertion" else f"{arm}.{j}_m"
+                       for arm in ("PSM1", "PSM2") for j in JOINTS)]  # fmt: skip
+    path = csv(tmp_path / "log.csv", names, np.column_stack([time, q, 0.5 * q]))
+    with pytest.raises(LogError, match="holds 2 arms; select one with --of: PSM1, PSM2"):
+        read_arm_motion(path, PSM)
+    found = read_arm_motion(path, PSM, ReadSettings(of="psm2"))
+    np.testing.assert_allclose(found.rows[:, 0], 0.5 * q, atol=1e-9)
+    assert found.label == "PSM2"
+    with pytest.raises(UnknownNameError, match="PSM3"):
+        read_arm_motion(path, PSM, ReadSettings(of="PSM3"))
+
+
+def test_measured_columns_are_taken_beside_commanded_ones(tmp_path: Path) -> None:
+    time, q, _ = motion()
+    names = [f"{j}_{what}" for what in ("setpoint_position", "position") for j in JOINTS]
+    path = csv(tmp_path / "log.csv", ["time", *names], np.column_stack([time, 0.5 * q, q]))
+    np.testing.assert_allclose(read_arm_motion(path, PSM).rows[:, 0], q, atol=1e-9)
+
+
+def test_columns_are_chosen_by_hand(tmp_path: Path) -> None:
+    time, q, v = motion()
+    table = np.column_stack([np.where(TURNS, np.rad2deg(q), q), 1e3 * time, v, 0.0 * time])
+    path = csv(tmp_path / "log.csv", [], table)
+    columns = ("time=7[ms]", "PSM1.position=0:7[deg/m]", "PSM1.velocity=8:15")
+    found = read_arm_motion(path, PSM, ReadSettings(columns=columns))
+    np.testing.assert_allclose(found.rows[:, 0], q, atol=1e-9)
+    np.testing.assert_allclose(found.rows[:, 1], v, atol=1e-9)
+    assert (found.label, found.rate_hz) == ("PSM1", pytest.approx(30.0))
+    for text, problem in {
+        "position": "allowed: .*WHAT=COLUMNS",
+        "speed=1:3": "allowed: .*WHAT one of time, position",
+        "position=0:99": "allowed: FIRST:LAST in 0:16",
+        "position=0:9": "9 columns; allowed: 7",
+    }.items():
+        with pytest.raises(InputError, match=problem):
+            read_arm_motion(path, PSM, ReadSettings(columns=(text,)))
+    with pytest.raises(UnknownNameError, match="nowhere"):
+        read_arm_motion(path, PSM, ReadSettings(columns=("position=nowhere",)))
+
+
+@pytest.mark.parametrize("width", [6, 7, 14, 21])
+@pytest.mark.parametrize("timed", [False, True])
+def test_rows_without_a_header_may_lack_velocities_and_have_times(
+    tmp_path: Path, width: int, timed: bool
+) -> None:
+    time, q, v = motion(200.0)
+    table = np.column_stack([q, v, 0.1 + 0.0 * q])[:, :width]
+    path = csv(tmp_path / "log.csv", [], np.column_stack([time, table]) if timed else table)
+    how = ReadSettings(wrist="joint", rate_hz=None if timed or width > 7 else 200.0)
+    found = read_arm_motion(path, PSM, how)
+    joints = min(width, 7)
+    np.testing.assert_allclose(found.rows[:, 0, :joints], q[:, :joints], atol=1e-9)
+    np.testing.assert_allclose(found.rows[2:-2, 1, :joints], v[2:-2, :joints], atol=1e-6)
+    assert (found.timed, found.has_efforts) == (timed, width == 21)
+    assert found.rate_hz == pytest.approx(200.0)
+
+
+def test_a_rate_is_asked_for_and_a_wrong_one_is_noticed(tmp_path: Path) -> None:
+    _, q, v = motion(30.0, 200)
+    path = csv(tmp_path / "alone.csv", [], q)
+    with pytest.raises(InputError, match="has no times; give the rate of its rows, --rate HZ"):
+        read_arm_motion(path, PSM)
+    path = csv(tmp_path / "log.csv", [], np.hstack([q, v, 0.0 * q]))
+    with pytest.raises(LogError, match=r"at 200 Hz: the rate is perhaps 30 Hz \(--rate\)"):
+        read_arm_motion(path, PSM, ReadSettings(wrist="joint"))
+    found = read_arm_motion(path, PSM, ReadSettings(wrist="joint", rate_hz=30.0))
+    assert found.rate_hz == pytest.approx(30.0)
+    # a given rate is doubted, not overruled
+    doubted = read_arm_motion(path, PSM, ReadSettings(wrist="joint", rate_hz=100.0))
+    assert "the rate is perhaps 30 Hz" in doubted.understood()
+    fast = read_arm_motion(tmp_path / "alone.csv", PSM, ReadSettings(wrist="joint", rate_hz=3000.0))
+    assert "times its limit: a wrong rate or unit?" in fast.understood()
+
+
+def test_two_arms_without_a_header_are_not_taken_for_velocities(tmp_path: Path) -> None:
+    _, q, _ = motion()
+    path = csv(tmp_path / "log.csv", [], np.hstack([q, q[::-1]]))
+    with pytest.raises(InputError, match="14 columns are not positions and their velocities"):
+        read_arm_motion(path, PSM)
+
+
+def tips(q: Array) -> Array:
+    return chain_pose(PSM.mechanism)(q)
+
+
+def test_poses_of_the_tip_with_a_jaw_become_joints(tmp_path: Path) -> None:
+    time, q, _ = motion()
+    poses = tips(q)
+    turn = poses[:, :3, :3].reshape(-1, 9)
+    header = ["time", *(f"PSM1_position_{a}" for a in "xyz"),
+              *(f"PSM1_R_{k}" for k in range(9)), "PSM1_jaw"]  # fmt: skip
+    path = csv(
+        tmp_path / "log.csv", header, np.column_stack([time, poses[:, :3, 3], turn, q[:, 6]])
+    )
+    found = read_arm_motion(path, PSM)
+    np.testing.assert_allclose(found.rows[:, 0], q, atol=1e-6)
+    assert "joints from poses of the tip" in found.understood()
+    moved = np.eye(4)
+    moved[:3, 3] = 0.3, -0.1, 0.2
+    with pytest.raises(LogError, match=r"60 of 60 poses are out of reach, the first in row 2: .*"
+                                       r"is its base \(--base\) in the frame"):  # fmt: skip
+        read_arm_motion(path, PSM, ReadSettings(base=moved))
+
+
+def test_a_base_is_placed_where_the_mean_pose_is_home(tmp_path: Path) -> None:
+    time, q, _ = motion()
+    home = PSM.poses["home"]
+    q = home + 0.2 * (q - q.mean(axis=0))
+    q[:, 2] = 0.12 + 0.2 * (motion()[1][:, 2] - 0.15)
+    away = tips(np.array([[0.5, 0.3, 0.2, 0.1, 0.2, 0.3, 0.0]]))[0]
+    poses = away @ tips(q)
+    header = ["t", "x", "y", "z", *(f"r{k}" for k in range(9))]
+    table = np.column_stack([time, poses[:, :3, 3], poses[:, :3, :3].reshape(-1, 9)])
+    path = csv(tmp_path / "log.csv", header, table)
+    found = read_arm_motion(path, PSM, ReadSettings(base="centred"))
+    assert "base placed so that the mean pose is home" in found.understood()
+    # the tip moves as it was recorded
+    own = found.rows[:, 0].copy()
+    moved = tips(own)[:, :3, 3]
+    np.testing.assert_allclose(
+        np.linalg.norm(np.diff(moved, axis=0), axis=1),
+        np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1),
+        atol=1e-6,
+    )
+
+
+def test_jigsaws_columns_are_known(tmp_path: Path) -> None:
+    """76 columns at 30 Hz: masters, then slaves; position, rotation, velocities, gripper."""
+    _, q, _ = motion()
+    poses = tips(q)
+    table = np.zeros((len(q), 76))
+    table[:, 57:60], table[:, 60:69] = poses[:, :3, 3], poses[:, :3, :3].reshape(-1, 9)
+    table[:, 75] = q[:, 6]
+    path = csv(tmp_path / "Suturing_B001.txt", [], table, "     ")
+    found = read_arm_motion(path, PSM, ReadSettings(of="slave_right"))
+    np.testing.assert_allclose(found.rows[:, 0], q, atol=1e-6)
+    assert found.rate_hz == pytest.approx(30.0)
+    (seen,) = tip_motions(path, "slave_right")
+    np.testing.assert_allclose(seen.positions, poses[:, :3, 3], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("header", "problem"),
+    [
+        (["time", "yaw_position", "pitch_position"], "lacks columns insertion_position, roll"),
+        (["time", "a", "b"], "has no columns of the joints of psm: time, a, b; allowed"),
+        (
+            ["time", "yaw_position", "pitch_position", "insertion_position"],
+            "lacks columns roll_pos",
+        ),
+    ],
+)
+def test_missing_columns_are_named(tmp_path: Path, header: list[str], problem: str) -> None:
+    path = csv(
+        tmp_path / "log.csv", header, np.zeros((3, len(header))) + np.arange(3)[:, None] * 0.1
+    )
+    with pytest.raises(LogError, match=problem):
+        read_arm_motion(path, PSM)
+
+
+def test_words_in_a_needed_column_are_named_and_others_ignored(tmp_path: Path) -> None:
+    time, q, _ = motion()
+    path = csv(tmp_path / "log.csv", ["time", *JOINTS, "gesture"], np.column_stack([time, q, time]))
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([lines[0], *(line.rpartition(",")[0] + ",G3" for line in lines[1:])]))
+    np.testing.assert_allclose(read_arm_motion(path, PSM).rows[:, 0], q, atol=1e-9)
+    lines[5] = lines[5].replace(lines[5].split(",")[1], "oops", 1)
+    path.write_text("\n".join(lines))
+    with pytest.raises(LogError, match="row 6: yaw: got 'oops'; allowed: a number"):
+        read_arm_motion(path, PSM)
+
+
+def test_a_dataset_is_read_episode_by_episode(tmp_path: Path) -> None:
+    arrow = pytest.importorskip("pyarrow", reason="pyarrow is not installed (extra learn)")
+    parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
+    time, q, _ = motion()
+    (tmp_path / "data" / "chunk-000").mkdir(parents=True)
+    (tmp_path / "meta").mkdir()
+    names = [f"PSM2.{j}_{'rad' if t else 'm'}" for j, t in zip(JOINTS, TURNS, strict=True)]
+    text = '{"features": {"observation.state": {"names": [%s]}}}'
+    (tmp_path / "meta" / "info.json").write_text(text % ", ".join(f'"{n}"' for n in names))
+    file = tmp_path / "data" / "chunk-000" / "file-000.parquet"
+    table = arrow.table(
+        {
+            "observation.state": [*(0.5 * q).tolist(), *q.tolist()],
+            "action": np.zeros((2 * len(q), 2)).tolist(),
+            "timestamp": [*time, *time],
+            "episode_index": [0] * len(q) + [1] * len(q),
+            "task": ["sew"] * (2 * len(q)),
+        }
+    )
+    parquet.write_table(table, file)
+    for path in (tmp_path, file):
+        found = read_arm_motion(path, PSM, ReadSettings(episode=1))
+        np.testing.assert_allclose(found.rows[:, 0], q, atol=1e-6)
+        assert (found.label, found.rate_hz) == ("PSM2", pytest.approx(30.0))
+    with pytest.raises(InputError, match="holds 2 episodes, 0 to 1; select one with --episode"):
+        read_arm_motion(tmp_path, PSM)
+    with pytest.raises(LogError, match="has no episode 7; allowed: 0 to 1"):
+        read_arm_motion(tmp_path, PSM, ReadSettings(episode=7))
+    file.write_bytes(file.read_bytes()[:200])
+    with pytest.raises(LogError, match="cannot be read as Parquet"):
+        read_arm_motion(tmp_path, PSM, ReadSettings(episode=1))
+
+
+@pytest.mark.parametrize(
+    ("name", "found"),
+    [
+        ("PSM1_joint_3", ("PSM1", False, "position", 3)),
+        ("measured_q2", ("", False, "position", 2)),
+        ("setpoint_q2", ("", True, "position", 2)),
+        ("psm2.outer_wrist_yaw.vel", ("PSM2", False, "velocity", "wrist_yaw")),
+        ("PSM1_ee_yaw", ("PSM1", False, "other", None)),
+        ("PSM1_orientation_matrix_[2,3]", ("PSM1", False, "tip", "r5")),
+        ("SLAVE_LEFT_ROT_R12", ("slave_left", False, "tip", "r1")),
+        ("SLAVE_LEFT_LIN_VEL_X", ("slave_left_lin_x", False, "velocity", None)),
+        ("psm1_pose.orientation.w", ("PSM1", False, "tip", "qw")),
+        ("MTML_1", ("MTML", False, "position", 1)),
+        ("observation.state PSM1.jaw", ("PSM1", False, "position", "jaw")),
+        ("action PSM1.jaw", ("PSM1", True, "position", "jaw")),
+        ("Frame Number", ("number", False, "other", None)),
+    ],
+)
+def test_names_of_public_recordings_are_taken_apart(
+    name: str, found: tuple[str, bool, str, str | int | None]
+) -> None:
+    one = taken_apart(name, JOINTS)
+    assert (one.arm, one.setpoint, one.quantity, one.joint) == found
+
+
+def test_a_header_over_groups_of_columns_numbers_them(tmp_path: Path) -> None:
+    time, q, _ = motion()
+    header = ["t", "tracker positions", "", "", "dvrk cartesian positions", "", ""]
+    header += ["dvrk joint positions", *[""] * 6]
+    table = np.column_stack([time, np.zeros((len(q), 6)), q])
+    for names in (header, header[:8]):
+        path = csv(tmp_path / "log.csv", names, table)
+        np.testing.assert_allclose(read_arm_motion(path, PSM).rows[:, 0], q, atol=1e-9)

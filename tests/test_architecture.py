@@ -97,8 +97,8 @@ HOMES = {
     # Draws the solids in tools/cad.
     "build123d": (),
     "OCP": (),
-    "trimesh": ("formats/meshes", "viewer"),
-    "coacd": ("formats/meshes",),
+    "trimesh": ("formats/surfaces", "viewer"),
+    "coacd": ("formats/pieces",),
     # Judges of the exports.
     "drake": (),
     "pydrake": ("robot/verification",),

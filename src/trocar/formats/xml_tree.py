@@ -5,6 +5,7 @@ Written files have the same bytes each time: two spaces, numbers without noise.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -26,6 +27,10 @@ Array = NDArray[np.float64]
 NOISE = 1e-14
 #: Size limit of a file [byte]. Source: our own choice; the largest of MuJoCo Menagerie has 0.2 MB.
 MOST_BYTES = 16_000_000
+#: Declaration of a version that XML does not have: Bullet's files have "0.0".
+XML_VERSION = re.compile(
+    rb"""^(?:\xef\xbb\xbf)?\s*(<\?xml\s+version\s*=\s*["'])(?!1\.[01]["'])[^"']*"""
+)
 #: Smallest limit that stands for infinity. Source: sdformat, joint axis limits (1e16).
 INFINITE = 1e15
 
@@ -193,7 +198,7 @@ def read_xml(path: Path) -> XmlNode:
         data = read_input(path, MOST_BYTES)
         if problem := lfs_problem(data):
             raise ImportFileError(str(path), problem)
-        return XmlNode(etree.fromstring(data, parser), str(path))
+        return XmlNode(etree.fromstring(XML_VERSION.sub(rb"\g<1>1.0", data), parser), str(path))
     except OSError as problem:
         raise ImportFileError(str(path), f"cannot be read: {problem.strerror}") from problem
     except etree.XMLSyntaxError as problem:

@@ -73,16 +73,14 @@ def solid_of(
         InputError: not watertight, no volume; the message names the ways to import it
         MissingExtraError: trimesh or coacd is not installed
     """
-    bodies = [_body(group) for group in surface.groups]
+    bodies = _bodies(surface)
     whole = bodies[0] if len(bodies) == 1 else _body(surface.whole)
     if open_as == "draw":
         return _drawn(whole)
     if hull:
         found = _hull(whole, file)
         return _weighed([found], (_mesh(found),), _larger(whole, found))
-    if not whole.is_watertight and all(body.is_watertight for body in bodies):
-        pass  # groups that touch share edges
-    elif not whole.is_watertight:
+    if len(bodies) == 1 and not whole.is_watertight:
         open_edges = _open_edges(whole)
         if open_as != "repair":
             raise InputError(
@@ -95,7 +93,6 @@ def solid_of(
             pieces = _decomposed(whole)
             note = f"{open_edges} open edges: replaced by thin walls for contact and mass"
             return _weighed([_body(piece) for piece in pieces], pieces, (note,))
-        bodies = [whole]
     for body in bodies:
         body.fix_normals()
         if not body.volume > 1e-6 * float(np.prod(np.maximum(body.extents, 1e-9))):
@@ -120,7 +117,7 @@ def collision_pieces(surface: Surface, where: str, *, hull: bool) -> tuple[list[
     if hull:
         found = _hull(whole, where)
         return [_mesh(found)], [f"{where}: {text}" for text in _larger(whole, found)]
-    return list(_pieces([_body(group) for group in surface.groups], where)), []
+    return list(_pieces(_bodies(surface), where)), []
 
 
 def hull_of(surface: Mesh, file: str) -> Mesh:
@@ -132,6 +129,15 @@ def _body(surface: Mesh) -> Any:
     body = trimesh_library().Trimesh(surface.vertices, surface.faces, process=True)
     body.merge_vertices(merge_norm=True, merge_tex=True)
     return body
+
+
+def _bodies(surface: Surface) -> list[Any]:
+    """Return the groups of a surface if each is closed, else all triangles as one body."""
+    if len(surface.groups) > 1:
+        groups = [_body(group) for group in surface.groups]
+        if all(group.is_watertight for group in groups):
+            return groups
+    return [_body(surface.whole)]
 
 
 def _open_edges(body: Any) -> int:
@@ -174,8 +180,6 @@ def _larger(body: Any, hull: Any) -> tuple[str, ...]:
 def _pieces(groups: Sequence[Any], file: str) -> tuple[Mesh, ...]:
     """Return convex pieces: those that are convex stay, the others are decomposed."""
     bodies = [body for group in groups for body in group.split(only_watertight=False)]
-    if len(groups) > 1 and not all(body.is_watertight for body in bodies):
-        bodies = list(groups)
     kept: list[Mesh] = []
     rest: list[Any] = []
     for body in bodies:

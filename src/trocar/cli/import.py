@@ -1,7 +1,7 @@
 """Import a robot or an object as an arm or a prop that can be placed in a rig.
 
-FILE is URDF (expand xacro first), SDF with one model, MJCF, or a mesh (OBJ, STL, PLY, glTF, DAE);
-meshes are decomposed into convex pieces; colours, units and up axes are the files' own. The output is a folder with one TOML file and its meshes.
+FILE is URDF (or xacro), SDF with one model, MJCF, or a mesh (OBJ, STL, PLY, glTF, DAE);
+meshes are decomposed into convex pieces. Colours, units and up axes are those of the files. The output is a folder with one TOML file and its meshes.
 See docs/import.md for the supported elements.
 """
 
@@ -13,6 +13,7 @@ from pathlib import Path
 from trocar.cli.arguments import add_json, add_overwrite, allow, options
 from trocar.cli.export import either
 from trocar.cli.output import print_json, progress_steps, warn
+from trocar.errors import InputError
 
 SUMMARY = "import an arm or a prop from URDF, SDF, MJCF or a mesh"
 ORDER = 170
@@ -34,7 +35,8 @@ def add_arguments(parser: ArgumentParser) -> None:
     """)  # fmt: skip
     robot = parser.add_argument_group("robot files")
     options(robot, """
-        --package-path DIR ...  search DIR for package:// files (repeatable)
+        --package-path DIR ...  search DIR for package:// and $(find) (repeatable)
+        --arg NAME=VALUE ...    argument of a xacro file (repeatable)
     """)  # fmt: skip
     robot.add_argument(
         "--passive",
@@ -58,13 +60,20 @@ def _read() -> list[str]:
     return [name.upper() for name, one in formats().items() if one.read is not None]
 
 
+def _argument(text: str) -> tuple[str, str]:
+    name, mark, value = text.partition("=")
+    if not name or not mark:
+        raise InputError(f"--arg: got {text!r}; allowed: NAME=VALUE")
+    return name, value
+
+
 def run(args: Namespace) -> int:
     """Read, write, print."""
     from trocar.formats.importing import ImportOptions, import_file
     from trocar.formats.meshes import SUFFIXES
 
     if Path(args.file).suffix.lower() in SUFFIXES:
-        allow(args, f"with {either(_read())}", "package_path", "passive")
+        allow(args, f"with {either(_read())}", "package_path", "passive", "arg")
     else:
         allow(args, "with a mesh", "unit", "mass", "open_as")
     options = ImportOptions(
@@ -78,6 +87,7 @@ def run(args: Namespace) -> int:
         args.overwrite,
         args.open_as or "",
         args.up or "",
+        tuple(_argument(text) for text in args.arg),
     )
     with progress_steps() as watch:
         watch(f"importing {args.file}")

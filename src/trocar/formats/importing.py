@@ -22,7 +22,7 @@ from trocar.errors import InputError
 from trocar.formats.format import formats
 from trocar.formats.links import ImportFileError, Link, SourceModel, mesh_shape
 from trocar.formats.mechanism import MechanismLayout, lay_out
-from trocar.formats.meshes import DEFAULT_MATERIAL, MeshOptions, obj_text
+from trocar.formats.meshes import DEFAULT_MATERIAL, ReadOptions, obj_text
 from trocar.formats.pieces import OpenSurface, hull_of, solid_of
 from trocar.formats.surfaces import SUFFIXES, UNITS, UP, read_surface
 from trocar.formats.xml_tree import read_xml
@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 Kind = Literal["arm", "prop"]
 
 #: Endings of files in any XML format; the root element decides.
-ANY_XML = (".urdf", ".xml", ".mjcf")
+ANY_XML = (".urdf", ".xacro", ".xml", ".mjcf")
 #: Limits of the size of a part [m]. Source: our own choice: a cart is 2 m high, a needle's thread
 #: 0.1 mm thick.
 SMALLEST_M, LARGEST_M = 5e-4, 10.0
@@ -62,11 +62,12 @@ class ImportOptions:
         unit: unit of a mesh's numbers; "": the file's own, else metres
         mass: mass of a mesh [kg]; None: from DENSITY
         hull: colliding meshes become their convex hulls
-        packages: folders of packages, for package://
+        packages: folders of packages, for package:// and $(find)
         passive: joints that loops determine
         overwrite: replace existing files
         open_as: treatment of a mesh that is not closed
         up: up axis of meshes; "": the files' own, else z
+        arguments: (name, value) of the arguments of a xacro file
     """
 
     name: str = ""
@@ -79,6 +80,7 @@ class ImportOptions:
     overwrite: bool = False
     open_as: OpenSurface = ""
     up: str = ""
+    arguments: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -212,7 +214,7 @@ def _read(path: Path, options: ImportOptions) -> SourceModel:
         return _object(path, options)
     if options.up and options.up not in UP:
         raise InputError(f"got the up axis {options.up!r}; allowed: {', '.join(UP)}")
-    meshes = MeshOptions(options.packages, options.hull, options.up)
+    meshes = ReadOptions(options.packages, options.hull, options.up, options.arguments)
     known = [(one, one.read) for one in formats().values() if one.read is not None]
     if suffix in ANY_XML:
         root = read_xml(path)

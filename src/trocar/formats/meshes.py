@@ -15,7 +15,7 @@ from trocar.descriptions.records import Shape
 from trocar.formats.links import LinkModel, mesh_shape, solid
 from trocar.formats.pieces import collision_pieces
 from trocar.formats.surfaces import SUFFIXES, Surface, mean_colour, read_surface
-from trocar.formats.xml_tree import XmlNode
+from trocar.formats.xml_tree import XmlNode, package_places
 from trocar.inputs import is_file
 
 Array = NDArray[np.float64]
@@ -108,18 +108,20 @@ def obj_text(mesh: Mesh) -> str:
 
 
 @dataclass(frozen=True)
-class MeshOptions:
-    """Options of the meshes that a robot's file names.
+class ReadOptions:
+    """Options of reading a robot's file and its meshes.
 
     Attributes:
-        packages: folders of packages, for package:// and model://
+        packages: folders of packages, for package://, model:// and $(find)
         hull: colliding meshes become their convex hulls
         up: up axis of every mesh, of `surfaces.UP`; "": the files' own
+        arguments: (name, value) of the arguments of a xacro file
     """
 
     packages: tuple[Path, ...] = ()
     hull: bool = False
     up: str = ""
+    arguments: tuple[tuple[str, str], ...] = ()
 
 
 #: A mesh's file, its object ("" for all), whether that is centred, and the scale.
@@ -133,7 +135,7 @@ class MeshFinder:
         notes: units, axes, looks and hulls that were applied or changed, each once
     """
 
-    def __init__(self, path: Path, options: MeshOptions) -> None:
+    def __init__(self, path: Path, options: ReadOptions) -> None:
         self._folder = path.resolve().parent
         self._options = options
         self.notes: dict[str, None] = {}
@@ -155,9 +157,8 @@ class MeshFinder:
         elif scheme in ("package", "model"):
             name, _, inside = rest.strip("/").partition("/")
             inside = inside.lstrip("/")  # model://ecm//meshes/base_link.STL of dvrk_env
-            above = [*self._options.packages, self._folder, *self._folder.parents]
-            places = [p / name / inside for p in above]
-            places += [p / inside for p in above if p.name == name or is_file(p / "package.xml")]
+            packages = package_places(name, self._folder, self._options.packages)
+            places = [place / inside for place in packages]
         else:
             raise node.fail(f"got {uri!r}; allowed: a path, file://, package:// or model://")
         found = next((place for place in places if is_file(place)), None)

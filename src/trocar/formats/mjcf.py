@@ -41,11 +41,11 @@ from trocar.formats.links import (
     SourceJoint,
     SourceModel,
     as_tree,
-    mesh_shape,
     material_of,
+    mesh_shape,
     solid,
 )
-from trocar.formats.meshes import DEFAULT_MATERIAL, MeshOptions, obj
+from trocar.formats.meshes import DEFAULT_MATERIAL, ReadOptions, obj
 from trocar.formats.xml_tree import (
     NOISE,
     XmlNode,
@@ -746,7 +746,7 @@ def _line(text: str) -> str:
     return " ".join(text.split()).replace("|", "/")
 
 
-def read_mjcf(path: Path, options: MeshOptions) -> SourceModel:
+def read_mjcf(path: Path, options: ReadOptions) -> SourceModel:
     """Read a model; colliding meshes are hulls, as MuJoCo has them.
 
     Args:

@@ -28,6 +28,13 @@ LARGER_HULL = 1.05
 #: Concavity that CoACD leaves, as a ratio to the size, and its largest number of pieces.
 #: Source: its authors' default; our own choice, of what a physics step affords.
 DENT, MOST_PIECES = 0.05, 32
+#: CoACD's search for cuts, and the resolution at which it closes open surfaces. Source: measured on
+#: the ten colliding links of SurRoL's ECM: with its authors' defaults some took more than a minute,
+#: with these at most 6 s of processor time, and the pieces' volume grew by up to 9 % of the hull's.
+SEARCH = {
+    "mcts_iterations": 30, "mcts_nodes": 10, "mcts_max_depth": 2, "resolution": 1000,
+    "preprocess_resolution": 25,
+}  # fmt: skip
 #: Largest number of groups, or of separate bodies, that stay pieces of their own. Source: our own
 #: choice: twice the pieces of a decomposition, the default of the V-HACD that labs use.
 MOST_GROUPS = 64
@@ -182,7 +189,8 @@ def _pieces(groups: Sequence[Any], file: str) -> tuple[Mesh, ...]:
     bodies = [body for group in groups for body in group.split(only_watertight=False)]
     kept: list[Mesh] = []
     rest: list[Any] = []
-    for body in bodies:
+    for open_or_closed in bodies:
+        body = _filled(open_or_closed)
         found = _convex(body)
         if found is None:
             rest.append(body)
@@ -204,10 +212,16 @@ def _convex(body: Any) -> Any:
     if np.linalg.matrix_rank(body.vertices - body.vertices[0], tol=1e-6 * body.scale) < 3:
         return None
     hull = body.convex_hull
-    if not body.is_watertight:
-        body = body.copy()
-        body.fill_holes()
     return hull if body.is_watertight and abs(body.volume) >= NEARLY_CONVEX * hull.volume else None
+
+
+def _filled(body: Any) -> Any:
+    """Return a body with its small holes closed, or as it is where that does not close it."""
+    if body.is_watertight:
+        return body
+    filled = body.copy()
+    filled.fill_holes()
+    return filled if filled.is_watertight else body
 
 
 def _thickened(body: Any, file: str) -> Mesh:
@@ -243,6 +257,7 @@ def _decomposed(body: Any) -> tuple[Mesh, ...]:
         max_ch_vertex=MOST_CORNERS,
         decimate=True,
         seed=0,
+        **SEARCH,
     )
     return tuple(
         Mesh(np.asarray(v, dtype=np.float64), np.asarray(f, dtype=np.int64)) for v, f in parts

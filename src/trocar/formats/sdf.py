@@ -48,7 +48,7 @@ from trocar.formats.links import (
     material_of,
     without_capsule,
 )
-from trocar.formats.meshes import MeshFinder, MeshOptions
+from trocar.formats.meshes import MeshFinder, ReadOptions
 from trocar.formats.xml_tree import (
     INFINITE,
     XmlNode,
@@ -584,7 +584,7 @@ def _readme(task: ExportTask, version: str, world_file: str) -> str:
     return readme(task, "sdf", body)
 
 
-def read_sdf(path: Path, options: MeshOptions) -> SourceModel:
+def read_sdf(path: Path, options: ReadOptions) -> SourceModel:
     """Read a model.
 
     Args:
@@ -622,7 +622,7 @@ class _Place:
 
 class _SdfModel:
     def __init__(
-        self, node: XmlNode, file: str, version: tuple[int, ...], options: MeshOptions
+        self, node: XmlNode, file: str, version: tuple[int, ...], options: ReadOptions
     ) -> None:
         self._node, self._file = node, file
         self._version = version

@@ -46,8 +46,9 @@ from trocar.formats.links import (
     material_of,
     without_capsule,
 )
-from trocar.formats.meshes import MeshFinder, MeshOptions, seen_materials
+from trocar.formats.meshes import MeshFinder, ReadOptions, seen_materials
 from trocar.formats.tip_chain import fit_tips
+from trocar.formats.xacro import expand, is_xacro
 from trocar.formats.xml_tree import (
     XmlNode,
     child,
@@ -453,8 +454,8 @@ def start_message(model: LinkModel) -> str:
     return f"header: auto\nname: [{names}]\nposition: [{values}]\nvelocity: []\neffort: []\n"
 
 
-def read_urdf(path: Path, options: MeshOptions) -> SourceModel:
-    """Read a robot, in ROS's dialect or in Bullet's, whose links have a <contact>.
+def read_urdf(path: Path, options: ReadOptions) -> SourceModel:
+    """Read a robot, in ROS's dialect, with xacro or without, or in Bullet's.
 
     Args:
         path: the file
@@ -465,6 +466,8 @@ def read_urdf(path: Path, options: MeshOptions) -> SourceModel:
         MissingExtraError: lxml or trimesh is not installed
     """
     root = read_xml(path)
+    if is_xacro(root):
+        root = expand(root, path, options.packages, dict(options.arguments))
     root.check(("link", "joint", "material", *PASSED_OVER))
     finder = MeshFinder(path, options)
     materials = {m.attribute("name"): _read_material(m, finder) for m in root.children("material")}
@@ -581,7 +584,7 @@ FORMAT = Format(
         --package NAME  urdf: write a ROS package NAME
         --fit-tip       urdf of a calibrated arm: add helper joints that fit the chain to its tip
     """,
-    suffixes=(".urdf",),
+    suffixes=(".urdf", ".xacro"),
     root="robot",
     write=write_urdf,
     read=read_urdf,

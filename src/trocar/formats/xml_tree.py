@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from trocar.descriptions.meshes import lfs_problem
 from trocar.errors import MissingExtraError
 from trocar.formats.links import ImportFileError, SourceJoint
-from trocar.inputs import read_input
+from trocar.inputs import is_file, read_input
 
 Array = NDArray[np.float64]
 
@@ -93,6 +93,11 @@ class XmlNode:
         self._file = file
 
     @property
+    def element(self) -> Any:
+        """The element of lxml."""
+        return self._element
+
+    @property
     def tag(self) -> str:
         """Name of the element."""
         return str(self._element.tag)
@@ -105,6 +110,10 @@ class XmlNode:
         """Return the elements inside, all or those with a tag; none of namespaces (drake:)."""
         inside = [e for e in self._element if isinstance(e.tag, str) and "{" not in e.tag]
         return [XmlNode(e, self._file) for e in inside if tag is None or e.tag == tag]
+
+    def all_children(self) -> list[XmlNode]:
+        """Return all elements inside, those of namespaces included."""
+        return [XmlNode(e, self._file) for e in self._element if isinstance(e.tag, str)]
 
     def child(self, tag: str) -> XmlNode | None:
         """Return the one element with a tag, None without one.
@@ -203,6 +212,24 @@ def read_xml(path: Path) -> XmlNode:
         raise ImportFileError(str(path), f"cannot be read: {problem.strerror}") from problem
     except etree.XMLSyntaxError as problem:
         raise ImportFileError(str(path), f"is not XML: {problem.msg}", problem.lineno) from None
+
+
+def package_places(name: str, folder: Path, packages: Iterable[Path]) -> list[Path]:
+    """Return folders that may be a package's, the likeliest first.
+
+    Args:
+        name: of the package
+        folder: that of the file that names it
+        packages: folders in which packages are, or packages
+    """
+    above = [*packages, folder, *folder.parents]
+    called = [p for p in above if is_file(p / "package.xml")]
+    called.sort(
+        key=lambda p: (
+            f"<name>{name}</name>" not in (p / "package.xml").read_text("utf-8", "replace")
+        )
+    )
+    return [*(p / name for p in above), *(p for p in above if p.name == name), *called]
 
 
 def inertia_of(node: XmlNode | None, turn: Array, diagonal: float = 0.0) -> Array:

@@ -1,7 +1,8 @@
 """Import a robot or an object as an arm or a prop that can be placed in a rig.
 
-FILE is URDF (or xacro), SDF with one model, MJCF, or a mesh (OBJ, STL, PLY, glTF, DAE);
-meshes are decomposed into convex pieces. Colours, units and up axes are those of the files. The output is a folder with one TOML file and its meshes.
+FILE is URDF or xacro, SDF with one model, MJCF, or a mesh (OBJ, STL, PLY, glTF, DAE); meshes are
+decomposed into convex pieces. Colours, units and up axes are those of the files. The output is a
+folder with one TOML file and its meshes.
 See docs/import.md for the supported elements.
 """
 

@@ -39,8 +39,8 @@ ANY_XML = (".urdf", ".xacro", ".xml", ".mjcf")
 #: Limits of the size of a part [m]. Source: our own choice: a cart is 2 m high, a needle's thread
 #: 0.1 mm thick.
 SMALLEST_M, LARGEST_M = 5e-4, 10.0
-#: {kind: size [m] and mass [kg] above which a warning is given}. Source: our own choice: things that
-#: lie under instruments, and the patient cart.
+#: {kind: size [m] and mass [kg] above which a warning is given}. Source: our own choice: things
+#: that lie under instruments, and the patient cart.
 DOUBTFUL = {"prop": (1.0, 20.0), "arm": (4.0, 500.0)}
 #: Ratio of an inertia to mass times the square of the farthest point's distance above which it is
 #: replaced. Source: our own choice; no body exceeds 1, but drawings may lack parts of it.

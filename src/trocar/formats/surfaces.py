@@ -1,8 +1,8 @@
 """Surfaces of mesh files: triangles in metres with z up, one mesh a colour.
 
-trimesh reads the triangles and looks. Units and up axes are the files' own: of glTF 2.0 metres and y
-(section 3.4 of its specification), of COLLADA 1.5 the elements <unit> and <up_axis>, of OBJ, PLY and
-STL comments and headers.
+trimesh reads the triangles and looks. Units and up axes are the files' own: metres and y of glTF
+(its specification 2.0, section 3.4), <unit> and <up_axis> of COLLADA 1.5, comments of OBJ and PLY,
+the header of STL.
 """
 
 from __future__ import annotations
@@ -303,7 +303,7 @@ def _looks(
 
 
 def _palette(rgb: Array) -> tuple[Array, Ints, int]:
-    """Return at most `MOST_COLOURS` colours (k, 3), the one of each row (m,), and the true count."""
+    """Return up to `MOST_COLOURS` colours (k, 3), that of each row (m,), and the true count."""
     eight = np.rint(255.0 * np.clip(rgb, 0.0, 1.0)).astype(np.uint8)
     own, place = np.unique(eight, axis=0, return_inverse=True)
     if len(own) <= MOST_COLOURS:

@@ -25,7 +25,7 @@ from trocar.inputs import is_file, read_input
 
 #: Namespaces of xacro's elements. Source: the documentation, and files of 2010 to 2013.
 NAMESPACE = re.compile(
-    r"\{https?://(?:www\.)?(?:ros\.org/wiki/xacro|ros\.org/xacro|wiki\.ros\.org/xacro)/?#?(?:[\w/]*)\}"
+    r"\{https?://(?:www\.)?(?:ros\.org/wiki|ros\.org|wiki\.ros\.org)/xacro[/#\w]*\}"
 )
 #: Largest number of elements, of nested expansions, and of bytes of a YAML file. Source: our own
 #: choice; the dVRK's setup joints with all arms have 4,000 and 8.
@@ -38,7 +38,8 @@ PARAMETER = re.compile(
 )
 #: $$( or $${ , ${expression}, $(command).
 PIECE = re.compile(
-    r"\$\$(?=[{(])|\$\{((?:[^{}']|'[^']*'|\{[^{}]*\})*)\}|\$\(([^()]*(?:\([^()]*\)[^()]*)*)\)"
+    r"\$\$(?=[{(])|\$\{((?:[^{}']|'[^']*'|\{[^{}]*\})*)\}"
+    r"|\$\(([^()]*(?:\([^()]*\)[^()]*)*)\)"
 )
 SUPPORTED = ("property", "arg", "macro", "if", "unless", "include", "insert_block")
 
@@ -151,7 +152,6 @@ class _Expansion:
     def __init__(self, path: Path, packages: tuple[Path, ...], arguments: dict[str, str]) -> None:
         self._path, self._packages = path, packages
         self._arguments = dict(arguments)
-        self._given = frozenset(arguments)
         self._macros: dict[str, _Macro] = {}
         self._count = self._depth = 0
 
@@ -187,8 +187,9 @@ class _Expansion:
             self._property(node, scope)
         elif tag == "arg":
             name = str(self.text(node.attribute("name"), scope, node))
-            if name not in self._given and (default := node.attribute("default", "")) is not None:
-                self._arguments.setdefault(name, str(self.text(default, scope, node)))
+            if "default" in node.attributes():
+                default = str(self.text(node.attribute("default"), scope, node))
+                self._arguments.setdefault(name, default)
         elif tag in ("if", "unless"):
             value = self._truth(self.text(node.attribute("value"), scope, node), node)
             if value == (tag == "if"):

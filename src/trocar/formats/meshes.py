@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from trocar.descriptions.materials import MATERIALS
 from trocar.descriptions.meshes import Mesh
-from trocar.descriptions.records import Shape
+from trocar.descriptions.records import Shape, ShapeKind
 from trocar.formats.links import LinkModel, mesh_shape, solid
 from trocar.formats.pieces import collision_pieces
 from trocar.formats.surfaces import SUFFIXES, Surface, mean_colour, read_surface
@@ -124,6 +124,10 @@ class ReadOptions:
     arguments: tuple[tuple[str, str], ...] = ()
 
 
+#: {element: kind of shape}
+PRIMITIVES: Mapping[str, ShapeKind] = {
+    "box": "box", "sphere": "sphere", "cylinder": "cylinder", "capsule": "capsule"
+}  # fmt: skip
 #: A mesh's file, its object ("" for all), whether that is centred, and the scale.
 MeshKey = tuple[Path, str, bool, tuple[float, ...]]
 
@@ -179,8 +183,8 @@ class MeshFinder:
         """
         mesh = self._mesh(node)
         if mesh is None:
-            primitive = _primitive(node, pose, material or DEFAULT_MATERIAL)
-            return [replace(primitive, visible=True, collide=False)]
+            shapes = self._primitive(node, pose, material or DEFAULT_MATERIAL)
+            return [replace(shape, visible=True, collide=False) for shape in shapes]
         surface = self._surface(mesh)
         if material:
             return [mesh_shape(pose, surface.whole, material)]
@@ -190,7 +194,7 @@ class MeshFinder:
         """Return the colliding shapes of a <geometry>, at T_link_shape, (4, 4)."""
         mesh = self._mesh(node)
         if mesh is None:
-            shapes = [_primitive(node, pose, DEFAULT_MATERIAL)]
+            shapes = self._primitive(node, pose, DEFAULT_MATERIAL)
         else:
             shapes = [mesh_shape(pose, part, DEFAULT_MATERIAL) for part in self._convex(mesh)]
         return [replace(shape, visible=False, collide=True) for shape in shapes]
@@ -223,6 +227,22 @@ class MeshFinder:
         centred = middle is not None and middle.text() in ("1", "true")
         return path, part.need("name").text(), centred, tuple(scale.tolist())
 
+    def _primitive(self, node: XmlNode, pose: Array, material: str) -> list[Shape]:
+        """Return the box, sphere, cylinder or capsule of a <geometry>, none of no size."""
+        (kind,) = node.children()
+        if kind.tag == "box":
+            sizes = kind.figures("size", 3).tolist()
+        elif kind.tag == "sphere":
+            sizes = [kind.number("radius")]
+        else:
+            sizes = [kind.number("radius"), kind.number("length")]
+        if min(sizes) < 0.0:
+            raise kind.fail(f"has a size of {min(sizes):g}; allowed: above 0")
+        if min(sizes) == 0.0:
+            self.notes[f"<{kind.tag}> of no size is ignored"] = None
+            return []
+        return [solid(PRIMITIVES[kind.tag], pose, sizes, material)]
+
     def _surface(self, key: MeshKey) -> Surface:
         if key not in self._scaled:
             path, part, centred, scale = key
@@ -253,13 +273,3 @@ def _centred(surface: Surface) -> Surface:
 
     looks = tuple((material, of(mesh)) for material, mesh in surface.looks)
     return replace(surface, looks=looks, groups=tuple(of(mesh) for mesh in surface.groups))
-
-
-def _primitive(node: XmlNode, pose: Array, material: str) -> Shape:
-    (kind,) = node.children()
-    if kind.tag == "box":
-        return solid("box", pose, kind.figures("size", 3).tolist(), material)
-    if kind.tag == "sphere":
-        return solid("sphere", pose, [kind.number("radius")], material)
-    sizes = [kind.number("radius"), kind.number("length")]
-    return solid("cylinder" if kind.tag == "cylinder" else "capsule", pose, sizes, material)

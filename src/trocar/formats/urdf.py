@@ -472,6 +472,8 @@ def read_urdf(path: Path, options: ReadOptions) -> SourceModel:
     finder = MeshFinder(path, options)
     materials = {m.attribute("name"): _read_material(m, finder) for m in root.children("material")}
     links = [_read_link(node, materials, finder) for node in root.children("link")]
+    if not links:
+        raise root.fail("has no links; allowed: a robot (a xacro file of macros alone is included)")
     joints = [_read_joint(node) for node in root.children("joint")]
     tree, order = as_tree(str(path), links, joints)
     _check_mimics(str(path), order)
@@ -537,7 +539,7 @@ def _read_origin(node: XmlNode) -> Array:
 
 def _read_joint(node: XmlNode) -> SourceJoint:
     known = ("origin", "parent", "child", "axis", "limit", "dynamics", "mimic")
-    node.check((*known, "calibration", "safety_controller"))
+    node.check((*known, "calibration", "safety_controller", "joint_properties"))
     kind = node.attribute("type")
     if kind not in KINDS:
         raise node.fail(f"got the type {kind!r}; allowed: {', '.join(KINDS)}")

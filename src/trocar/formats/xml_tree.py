@@ -104,7 +104,9 @@ class XmlNode:
 
     def fail(self, problem: str) -> ImportFileError:
         """Return an error with this element's file, line and tag."""
-        return ImportFileError(self._file, f"<{self.tag}> {problem}", self._element.sourceline)
+        _, _, local = self.tag.rpartition("}")
+        name = f"{self._element.prefix}:{local}" if self._element.prefix else local
+        return ImportFileError(self._file, f"<{name}> {problem}", self._element.sourceline)
 
     def children(self, tag: str | None = None) -> list[XmlNode]:
         """Return the elements inside, all or those with a tag; none of namespaces (drake:)."""
@@ -224,11 +226,8 @@ def package_places(name: str, folder: Path, packages: Iterable[Path]) -> list[Pa
     """
     above = [*packages, folder, *folder.parents]
     called = [p for p in above if is_file(p / "package.xml")]
-    called.sort(
-        key=lambda p: (
-            f"<name>{name}</name>" not in (p / "package.xml").read_text("utf-8", "replace")
-        )
-    )
+    own = f"<name>{name}</name>"
+    called.sort(key=lambda p: own not in (p / "package.xml").read_text("utf-8", "replace"))
     return [*(p / name for p in above), *(p for p in above if p.name == name), *called]
 
 

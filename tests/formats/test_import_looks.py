@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed (extra convex)")
 pytest.importorskip("lxml", reason="lxml is not installed (extra export)")
+pytest.importorskip("trimesh", reason="trimesh is not installed (extra convex)")
 
+import trimesh as trimesh_library
 from PIL import Image
 
 from tests.formats.texts import MJCF
@@ -20,6 +22,8 @@ from trocar.errors import InputError
 from trocar.formats.importing import Imported, ImportOptions, import_file
 from trocar.formats.surfaces import MOST_COLOURS, SUFFIXES, read_surface
 
+#: Without types.
+trimesh: Any = trimesh_library
 SKIN, BLUE = (0.93, 0.72, 0.60), (0.10, 0.20, 0.70)
 EDGES = (0.10, 0.04, 0.02)
 

@@ -41,6 +41,9 @@ MOST_GROUPS = 64
 #: Largest number of corners of a convex piece, which bounds the cost of a contact. Source: our own
 #: choice.
 MOST_CORNERS = 32
+#: Ratio of the area of holes to the surface's up to which they are closed; larger openings are
+#: those of vessels. Source: our own choice: a cube's open side is a fifth of the others.
+LARGEST_HOLES = 0.1
 #: Thickness of the piece of a flat surface [m]. Source: our own choice, more than a physics step's
 #: motion of an instrument.
 FLAT_M = 1e-3
@@ -95,14 +98,15 @@ def solid_of(
                 " --open repair closes and decomposes it, --open draw imports it without contact,"
                 " --hull takes the convex hull instead"
             )
-        whole.fill_holes()
-        if not whole.is_watertight:
+        bodies = [_filled(whole)]
+        if not bodies[0].is_watertight:
             pieces = _decomposed(whole)
             note = f"{open_edges} open edges: replaced by thin walls for contact and mass"
             return _weighed([_body(piece) for piece in pieces], pieces, (note,))
     for body in bodies:
         body.fix_normals()
-        if not body.volume > 1e-6 * float(np.prod(np.maximum(body.extents, 1e-9))):
+        extents: Array = np.maximum(body.extents, 1e-9)
+        if not body.volume > 1e-6 * float(np.prod(extents)):
             raise InputError(
                 f"{file}: has no volume (got {body.volume:.3g} m^3); --open draw imports it without"
                 " contact, --hull takes the convex hull instead"
@@ -133,7 +137,7 @@ def hull_of(surface: Mesh, file: str) -> Mesh:
 
 
 def _body(surface: Mesh) -> Any:
-    body = trimesh_library().Trimesh(surface.vertices, surface.faces, process=True)
+    body: Any = trimesh_library().Trimesh(surface.vertices, surface.faces, process=True)
     body.merge_vertices(merge_norm=True, merge_tex=True)
     return body
 
@@ -221,7 +225,8 @@ def _filled(body: Any) -> Any:
         return body
     filled = body.copy()
     filled.fill_holes()
-    return filled if filled.is_watertight else body
+    small = filled.area <= (1.0 + LARGEST_HOLES) * body.area
+    return filled if filled.is_watertight and small else body
 
 
 def _thickened(body: Any, file: str) -> Mesh:
@@ -229,7 +234,10 @@ def _thickened(body: Any, file: str) -> Mesh:
     centred = body.vertices - body.vertices.mean(axis=0)
     normal = np.linalg.svd(centred, full_matrices=True)[2][2]
     sides = [body.vertices + s * 0.5 * FLAT_M * normal for s in (-1.0, 1.0)]
-    return hull_of(Mesh(np.concatenate(sides), np.array([[0, 1, 2]])), file)
+    try:
+        return _mesh(trimesh_library().convex.convex_hull(np.concatenate(sides)))
+    except Exception as problem:  # Qhull's errors are its own
+        raise InputError(f"{file}: is a line: no colliding shape") from problem
 
 
 def _hull(body: Any, file: str) -> Any:

@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import yaml
 
@@ -43,13 +43,12 @@ PIECE = re.compile(
 )
 SUPPORTED = ("property", "arg", "macro", "if", "unless", "include", "insert_block")
 
-OPERATORS: Mapping[type[ast.AST], Callable[..., Any]] = {
-    ast.Add: operator.add, ast.Sub: operator.sub, ast.Div: operator.truediv,
-    ast.FloorDiv: operator.floordiv, ast.Mod: operator.mod, ast.USub: operator.neg,
-    ast.UAdd: operator.pos, ast.Not: operator.not_, ast.Eq: operator.eq, ast.NotEq: operator.ne,
-    ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt, ast.GtE: operator.ge,
-    ast.In: lambda a, b: a in b, ast.NotIn: lambda a, b: a not in b,
-    ast.Is: operator.is_, ast.IsNot: operator.is_not,
+ANY: Any = operator
+OPERATORS: dict[type[ast.AST], Callable[..., Any]] = {
+    ast.Add: ANY.add, ast.Sub: ANY.sub, ast.Div: ANY.truediv, ast.FloorDiv: ANY.floordiv,
+    ast.Mod: ANY.mod, ast.USub: ANY.neg, ast.UAdd: ANY.pos, ast.Not: ANY.not_, ast.Eq: ANY.eq,
+    ast.NotEq: ANY.ne, ast.Lt: ANY.lt, ast.LtE: ANY.le, ast.Gt: ANY.gt, ast.GtE: ANY.ge,
+    ast.Is: ANY.is_, ast.IsNot: ANY.is_not,
 }  # fmt: skip
 MATHS = ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sqrt", "radians", "degrees", "exp",
          "log", "floor", "ceil", "fabs", "hypot")  # fmt: skip
@@ -363,7 +362,11 @@ class _Expansion:
             case ast.Compare():
                 left = of(tree.left)
                 for kind, right in zip(tree.ops, map(of, tree.comparators), strict=True):
-                    if not OPERATORS[type(kind)](left, right):
+                    if isinstance(kind, ast.In | ast.NotIn):
+                        holds = (left in right) == isinstance(kind, ast.In)
+                    else:
+                        holds = bool(OPERATORS[type(kind)](left, right))
+                    if not holds:
                         return False
                     left = right
                 return True
@@ -393,7 +396,8 @@ class _Expansion:
             return FUNCTIONS[name](*values)
         if isinstance(called, ast.Attribute):
             owner = self._node(called.value, scope, at)
-            if called.attr in METHODS.get(cast(type, type(owner)), ()):
+            kind: type[Any] = type(owner)
+            if called.attr in METHODS.get(kind, ()):
                 return getattr(owner, called.attr)(*values)
         raise ValueError(f"function {name!r} is not supported")
 
@@ -412,17 +416,18 @@ class _Expansion:
 
 
 def _binary(kind: ast.operator, left: Any, right: Any) -> Any:
-    if isinstance(kind, ast.Mult | ast.Pow):
-        left, right = _number(left), _number(right)
-        if isinstance(kind, ast.Mult):
-            return left * right
+    if isinstance(kind, ast.Add) and not isinstance(left, int | float):
+        if len(left) + len(right) > MOST_TEXT:
+            raise ValueError(f"a text of more than {MOST_TEXT} characters")
+        return left + right
+    left, right = _number(left), _number(right)
+    if isinstance(kind, ast.Mult):
+        return left * right
+    if isinstance(kind, ast.Pow):
         if abs(right) > MOST_POWER:
             raise ValueError(f"exponent {right:g}; allowed: up to {MOST_POWER:g}")
-        return float(left) ** right if isinstance(right, float) or right < 0 else left**right
-    found = OPERATORS[type(kind)](left, right)
-    if isinstance(found, str | list) and len(cast("str | list[Any]", found)) > MOST_TEXT:
-        raise ValueError(f"a text of more than {MOST_TEXT} characters")
-    return found
+        return left**right
+    return OPERATORS[type(kind)](left, right)
 
 
 def _number(value: Any) -> int | float:

@@ -225,10 +225,16 @@ def package_places(name: str, folder: Path, packages: Iterable[Path]) -> list[Pa
         packages: folders in which packages are, or packages
     """
     above = [*packages, folder, *folder.parents]
-    called = [p for p in above if is_file(p / "package.xml")]
-    own = f"<name>{name}</name>"
-    called.sort(key=lambda p: own not in (p / "package.xml").read_text("utf-8", "replace"))
-    return [*(p / name for p in above), *(p for p in above if p.name == name), *called]
+    called = [p for p in above if p.name == name or _manifest_name(p / "package.xml") == name]
+    return [*(p / name for p in above), *called]
+
+
+def _manifest_name(path: Path) -> str:
+    """Return the name in a package's manifest, "" without one."""
+    if not is_file(path):
+        return ""
+    found = re.search(r"<name>\s*([^<\s]+)\s*</name>", path.read_text("utf-8", "replace"))
+    return "" if found is None else found[1]
 
 
 def inertia_of(node: XmlNode | None, turn: Array, diagonal: float = 0.0) -> Array:

@@ -63,7 +63,7 @@ HOMES = {
         "robot/verification",
     ),
     "ruckig": ("simulation",),
-    "yaml": ("cameras",),
+    "yaml": ("cameras", "formats/xacro"),
     "tomli_w": ("descriptions", "learning/policies"),
     "viser": ("viewer",),
     "msgspec": ("messages", "live/inbox", "ros", "viewer", "scripts", "robot/dvrk_config"),

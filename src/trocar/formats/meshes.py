@@ -14,7 +14,7 @@ from trocar.descriptions.meshes import Mesh
 from trocar.descriptions.records import Shape, ShapeKind
 from trocar.formats.links import LinkModel, mesh_shape, solid
 from trocar.formats.pieces import collision_pieces
-from trocar.formats.surfaces import SUFFIXES, Surface, mean_colour, read_surface
+from trocar.formats.surfaces import SUFFIXES, MeshSurface, mean_colour, read_surface
 from trocar.formats.xml_tree import XmlNode, package_places
 from trocar.inputs import is_file
 
@@ -143,8 +143,8 @@ class MeshFinder:
         self._folder = path.resolve().parent
         self._options = options
         self.notes: dict[str, None] = {}
-        self._files: dict[tuple[Path, str], Surface] = {}
-        self._scaled: dict[MeshKey, Surface] = {}
+        self._files: dict[tuple[Path, str], MeshSurface] = {}
+        self._scaled: dict[MeshKey, MeshSurface] = {}
         self._pieces: dict[MeshKey, list[Mesh]] = {}
 
     def find(self, node: XmlNode, uri: str) -> Path:
@@ -243,7 +243,7 @@ class MeshFinder:
             return []
         return [solid(PRIMITIVES[kind.tag], pose, sizes, material)]
 
-    def _surface(self, key: MeshKey) -> Surface:
+    def _surface(self, key: MeshKey) -> MeshSurface:
         if key not in self._scaled:
             path, part, centred, scale = key
             if (path, part) not in self._files:
@@ -263,7 +263,7 @@ class MeshFinder:
         return self._pieces[key]
 
 
-def _centred(surface: Surface) -> Surface:
+def _centred(surface: MeshSurface) -> MeshSurface:
     """Return a surface with its origin in the middle of the box about it."""
     points = surface.whole.vertices
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from trocar.descriptions.meshes import Mesh
 from trocar.errors import InputError, MissingExtraError
-from trocar.formats.surfaces import Surface, trimesh_library
+from trocar.formats.surfaces import MeshSurface, trimesh_library
 
 Array = NDArray[np.float64]
-#: What becomes of an open surface: an error, drawn without contact, or closed and decomposed.
+#: Treatment of an open surface: an error, drawn without contact, or closed and decomposed.
 OpenSurface = Literal["", "draw", "repair"]
 
 #: Smallest ratio of volume to hull volume of a body that counts as convex. Source: our own choice.
@@ -69,7 +69,7 @@ class MeshSolid:
 
 
 def solid_of(
-    surface: Surface, file: str, *, hull: bool = False, open_as: OpenSurface = ""
+    surface: MeshSurface, file: str, *, hull: bool = False, open_as: OpenSurface = ""
 ) -> MeshSolid:
     """Return a surface as a body.
 
@@ -114,7 +114,9 @@ def solid_of(
     return _weighed(bodies, _pieces(bodies, file))
 
 
-def collision_pieces(surface: Surface, where: str, *, hull: bool) -> tuple[list[Mesh], list[str]]:
+def collision_pieces(
+    surface: MeshSurface, where: str, *, hull: bool
+) -> tuple[list[Mesh], list[str]]:
     """Return the convex pieces of a colliding mesh, which need not be closed, and notes.
 
     Args:
@@ -142,7 +144,7 @@ def _body(surface: Mesh) -> Any:
     return body
 
 
-def _bodies(surface: Surface) -> list[Any]:
+def _bodies(surface: MeshSurface) -> list[Any]:
     """Return the groups of a surface if each is closed, else all triangles as one body."""
     if len(surface.groups) > 1:
         groups = [_body(group) for group in surface.groups]

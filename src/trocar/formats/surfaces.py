@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from trocar.descriptions.meshes import MOST_BYTES, MOST_TRIANGLES, Mesh, lfs_problem, welded
 from trocar.errors import MissingExtraError
@@ -55,7 +56,7 @@ COLLADA_UP = re.compile(r"<up_axis>\s*([XYZ])_UP\s*</up_axis>")
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class MeshSurface:
     """The triangles of a file.
 
     Attributes:
@@ -74,7 +75,7 @@ class Surface:
         """All triangles."""
         return self.groups[0] if len(self.groups) == 1 else joined(self.groups)
 
-    def scaled(self, scale: Array) -> Surface:
+    def scaled(self, scale: Array) -> MeshSurface:
         """Return the surface times (3,) factors; a mirrored one is turned outside out again."""
 
         def of(mesh: Mesh) -> Mesh:
@@ -92,7 +93,7 @@ def joined(meshes: Sequence[Mesh]) -> Mesh:
     return Mesh(*welded(np.concatenate([m.vertices for m in meshes]), np.concatenate(faces)))
 
 
-def read_surface(path: Path, unit: str = "", up: str = "", part: str = "") -> Surface:
+def read_surface(path: Path, unit: str = "", up: str = "", part: str = "") -> MeshSurface:
     """Read the triangles of a file, with z up [m].
 
     Args:
@@ -138,7 +139,7 @@ def read_surface(path: Path, unit: str = "", up: str = "", part: str = "") -> Su
     looks, more = _looks(meshes, [look for _, _, look in parts])
     said = [*notes, *more, *(_missing_looks(path) if split else ())]
     groups = tuple(meshes) if split else (joined(meshes),)
-    return Surface(looks, groups, tuple(f"{path.name}: {text}" for text in said))
+    return MeshSurface(looks, groups, tuple(f"{path.name}: {text}" for text in said))
 
 
 def _check_file(path: Path) -> None:
@@ -257,8 +258,6 @@ def mean_colour(path: Path) -> Array:
     Raises:
         ImportFileError: no image
     """
-    from PIL import Image
-
     try:
         with Image.open(path) as image:
             small = image.convert("RGB").resize((1, 1), Image.Resampling.BOX)
@@ -308,8 +307,6 @@ def _palette(rgb: Array) -> tuple[Array, Ints, int]:
     own, place = np.unique(eight, axis=0, return_inverse=True)
     if len(own) <= MOST_COLOURS:
         return own / 255.0, place.reshape(-1).astype(np.int64), len(own)
-    from PIL import Image
-
     picture = Image.fromarray(np.ascontiguousarray(eight[None]))
     few = picture.quantize(MOST_COLOURS, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
     place = np.asarray(few, dtype=np.int64).reshape(-1)

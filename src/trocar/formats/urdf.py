@@ -488,7 +488,7 @@ def read_urdf(path: Path, options: ReadOptions) -> SourceModel:
 
 def _read_material(node: XmlNode, finder: MeshFinder) -> str:
     """Return the name of a material in `descriptions.materials`, "" of a reference by name."""
-    node.check(("color", "texture"))
+    node.check(("color", "texture", "specular", "ambient"))
     colour, texture = node.child("color"), node.child("texture")
     if texture is not None and texture.attribute("filename", ""):
         return material_of(finder.colour(texture, texture.attribute("filename")))

@@ -396,8 +396,7 @@ class _Expansion:
             return FUNCTIONS[name](*values)
         if isinstance(called, ast.Attribute):
             owner = self._node(called.value, scope, at)
-            kind: type[Any] = type(owner)
-            if called.attr in METHODS.get(kind, ()):
+            if any(isinstance(owner, k) and called.attr in names for k, names in METHODS.items()):
                 return getattr(owner, called.attr)(*values)
         raise ValueError(f"function {name!r} is not supported")
 

@@ -63,7 +63,7 @@ HOMES = {
         "robot/verification",
     ),
     "ruckig": ("simulation",),
-    "yaml": ("cameras",),
+    "yaml": ("cameras", "formats/xacro"),
     "tomli_w": ("descriptions", "learning/policies"),
     "viser": ("viewer",),
     "msgspec": ("messages", "live/inbox", "ros", "viewer", "scripts", "robot/dvrk_config"),
@@ -97,8 +97,8 @@ HOMES = {
     # Draws the solids in tools/cad.
     "build123d": (),
     "OCP": (),
-    "trimesh": ("formats/meshes", "viewer"),
-    "coacd": ("formats/meshes",),
+    "trimesh": ("formats/surfaces", "viewer"),
+    "coacd": ("formats/pieces",),
     # Judges of the exports.
     "drake": (),
     "pydrake": ("robot/verification",),

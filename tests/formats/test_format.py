@@ -37,7 +37,9 @@ def test_a_dropped_in_format_is_read_by_its_ending(tmp_path: Path) -> None:
     (tmp_path / "ball.plain").write_text("0.25", encoding="utf-8")
     found = import_file(tmp_path / "ball.plain", tmp_path / "out")
     assert (found.kind, found.name, found.mass) == ("prop", "ball", 0.25)
-    with pytest.raises(InputError, match=r"allowed: .urdf, .sdf, .xml, .mjcf, .plain, .obj"):
+    with pytest.raises(
+        InputError, match=r"allowed: .urdf, .xacro, .sdf, .xml, .mjcf, .plain, .obj"
+    ):
         import_file(__file__, tmp_path / "other")
 
 

@@ -107,7 +107,7 @@ def test_a_fault_in_an_mjcf_is_named(old: str, new: str, problem: str, tmp_path:
 
 def test_files_that_nobody_knows_are_refused(tmp_path: Path) -> None:
     (tmp_path / "robot.step").write_text("", encoding="utf-8")
-    with pytest.raises(InputError, match=r"unknown format '.step'; allowed: .urdf, .sdf"):
+    with pytest.raises(InputError, match=r"unknown format '.step'; allowed: .urdf, .xacro, .sdf"):
         import_file(tmp_path / "robot.step", tmp_path / "out")
     with pytest.raises(InputError, match="no such file"):
         import_file(tmp_path / "gone.urdf", tmp_path / "out")

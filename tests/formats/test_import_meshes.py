@@ -16,7 +16,7 @@ from tests.formats.texts import SDF, URDF
 from trocar.descriptions import load_arm, meshes
 from trocar.errors import DescriptionError, InputError
 from trocar.formats.importing import import_file
-from trocar.formats.meshes import load_surface
+from trocar.formats.surfaces import read_surface
 
 BOX = '<box size="0.2 0.2 0.1"/>'
 #: As git stores a large file. Source: git-lfs docs/spec.md.
@@ -120,5 +120,5 @@ def test_a_normal_that_is_no_number_is_not_logged(tmp_path: Path, caplog) -> Non
     rows = ["facet normal x 0 1", "outer loop", *(f"vertex {c}" for c in corners)]
     file = tmp_path / "flat.stl"
     file.write_text("\n".join(["solid s", *rows, "endloop", "endfacet", "endsolid s", ""]))
-    assert len(load_surface(file).faces) == 1
+    assert len(read_surface(file).whole.faces) == 1
     assert not caplog.records

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 if TYPE_CHECKING:
     from trocar.formats.links import SourceModel
+    from trocar.formats.meshes import ReadOptions
 
 PACKAGE = "trocar.formats"
 #: First line of a format's record in its source.
@@ -35,8 +36,7 @@ class Format:
         root: root element, of a format in XML
         write: fills the folder of an `ExportTask` and returns warnings; keyword arguments are the
             options, with their defaults; None: it is not written
-        read: returns the model of a file, with the folders to search for package://; None: it is
-            not read
+        read: returns the model of a file, with `meshes.ReadOptions`; None: it is not read
     """
 
     title: str
@@ -45,7 +45,7 @@ class Format:
     suffixes: tuple[str, ...] = ()
     root: str = ""
     write: Callable[..., tuple[str, ...]] | None = None
-    read: Callable[[Path, tuple[Path, ...]], SourceModel] | None = None
+    read: Callable[[Path, ReadOptions], SourceModel] | None = None
 
     @property
     def option_names(self) -> tuple[str, ...]:

@@ -22,14 +22,9 @@ from trocar.errors import InputError
 from trocar.formats.format import formats
 from trocar.formats.links import ImportFileError, Link, SourceModel, mesh_shape
 from trocar.formats.mechanism import MechanismLayout, lay_out
-from trocar.formats.meshes import (
-    SUFFIXES,
-    check_size,
-    hull_of,
-    load_surface,
-    obj_text,
-    solid_of,
-)
+from trocar.formats.meshes import DEFAULT_MATERIAL, ReadOptions, obj_text
+from trocar.formats.pieces import OpenSurface, hull_of, solid_of
+from trocar.formats.surfaces import SUFFIXES, UNITS, UP, read_surface
 from trocar.formats.xml_tree import read_xml
 from trocar.geometry.rotations import rpy_from_matrix
 from trocar.inputs import is_file
@@ -40,9 +35,16 @@ Array = NDArray[np.float64]
 Kind = Literal["arm", "prop"]
 
 #: Endings of files in any XML format; the root element decides.
-ANY_XML = (".urdf", ".xml", ".mjcf")
-#: {unit of a mesh's numbers: metres}
-UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254}
+ANY_XML = (".urdf", ".xacro", ".xml", ".mjcf")
+#: Limits of the size of a part [m]. Source: our own choice: a cart is 2 m high, a needle's thread
+#: 0.1 mm thick.
+SMALLEST_M, LARGEST_M = 5e-4, 10.0
+#: {kind: size [m] and mass [kg] above which a warning is given}. Source: our own choice: things
+#: that lie under instruments, and the patient cart.
+DOUBTFUL = {"prop": (1.0, 20.0), "arm": (4.0, 500.0)}
+#: Ratio of an inertia to mass times the square of the farthest point's distance above which it is
+#: replaced. Source: our own choice; no body exceeds 1, but drawings may lack parts of it.
+LARGEST_INERTIA = 10.0
 #: Density of a mesh whose mass is not given [kg/m^3]. Source: our own choice: hard plastic.
 DENSITY = 1200.0
 #: Natural frequency of the servos of an imported arm [rad/s]: gains P = I w^2, D = 2 I w.
@@ -57,22 +59,28 @@ class ImportOptions:
     Attributes:
         name: name of the arm or prop; "": that of the file
         kind: None: an arm if it has moving joints, else a prop
-        unit: unit of a mesh's numbers
+        unit: unit of a mesh's numbers; "": the file's own, else metres
         mass: mass of a mesh [kg]; None: from DENSITY
-        hull: import the convex hull of a mesh
-        packages: folders of packages, for package://
+        hull: colliding meshes become their convex hulls
+        packages: folders of packages, for package:// and $(find)
         passive: joints that loops determine
         overwrite: replace existing files
+        open_as: treatment of a mesh that is not closed
+        up: up axis of meshes; "": the files' own, else z
+        arguments: (name, value) of the arguments of a xacro file
     """
 
     name: str = ""
     kind: Kind | None = None
-    unit: str = "m"
+    unit: str = ""
     mass: float | None = None
     hull: bool = False
     packages: tuple[Path, ...] = ()
     passive: tuple[str, ...] = ()
     overwrite: bool = False
+    open_as: OpenSurface = ""
+    up: str = ""
+    arguments: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -85,6 +93,7 @@ class Imported:
         joints: names of its public joints
         links, triangles, pieces: numbers of links, visible triangles and colliding shapes
         mass: total [kg]
+        size: of the box about its shapes where all coordinates are 0, (3,) [m]
         warnings: parts of the file that were changed or ignored
     """
 
@@ -96,6 +105,7 @@ class Imported:
     triangles: int
     pieces: int
     mass: float
+    size: tuple[float, float, float]
     warnings: tuple[str, ...]
 
 
@@ -122,8 +132,9 @@ def import_file(
         raise InputError(f"got the name {got!r}; allowed: letters, digits, _ and -")
     at = model.poses()
     corners = [_corners(shape, at[link.name]) for link in model.links for shape in link.shapes]
+    size = np.ptp(np.concatenate(corners), axis=0) if corners else np.zeros(3)
     if corners:
-        check_size(float(np.ptp(np.concatenate(corners), axis=0).max()), str(source))
+        check_size(float(size.max()), str(source))
     head = {
         "name": name,
         "title": f"{model.name}, imported",
@@ -146,6 +157,8 @@ def import_file(
     shapes = [shape for body in bodies for shape in body.shapes]
     if layout is None and not shapes:
         raise ImportFileError(model.file, "has no shapes; allowed: a file with at least one shape")
+    mass = float(sum(body.mass for body in bodies))
+    warnings += _doubts(str(source), kind, size, mass)
     with whole_folder(target, chosen.overwrite) as built:
         _write(built, head, layout, bodies)
     return Imported(
@@ -156,9 +169,41 @@ def import_file(
         len(model.links),
         sum(len(s.mesh.faces) for s in shapes if s.mesh is not None and s.visible),
         sum(s.collide for s in shapes),
-        float(sum(body.mass for body in bodies)),
-        tuple(warnings),
+        mass,
+        (float(size[0]), float(size[1]), float(size[2])),
+        tuple(dict.fromkeys(warnings)),
     )
+
+
+def check_size(extent: float, file: str) -> None:
+    """Reject a size [m] outside of SMALLEST_M to LARGEST_M.
+
+    Raises:
+        InputError: the message names the units in which the size would be plausible
+    """
+    if SMALLEST_M <= extent <= LARGEST_M:
+        return
+    fits = [
+        unit
+        for unit, metres in (("mm", 1e-3), ("cm", 1e-2), ("in", 0.0254), ("m (of mm)", 1e3))
+        if SMALLEST_M <= extent * metres <= LARGEST_M
+    ]
+    hint = f"; in {fits[0]} it would be plausible: --unit {fits[0].split()[0]}" if fits else ""
+    raise InputError(
+        f"{file}: got a size of {extent:.3g} m; allowed: {SMALLEST_M:g} to {LARGEST_M:g} m{hint}"
+    )
+
+
+def _doubts(file: str, kind: Kind, size: Array, mass: float) -> list[str]:
+    """Return warnings of a size and a mass that are plausible for few things."""
+    largest, heaviest = DOUBTFUL[kind]
+    box = " x ".join(f"{edge:.3g}" for edge in size)
+    found: list[str] = []
+    if size.max() > largest:
+        found.append(f"{file}: is {box} m large: check its unit")
+    if mass > heaviest:
+        found.append(f"{file}: weighs {mass:.4g} kg at {box} m: check its unit and mass")
+    return found
 
 
 def _read(path: Path, options: ImportOptions) -> SourceModel:
@@ -167,6 +212,9 @@ def _read(path: Path, options: ImportOptions) -> SourceModel:
     suffix = path.suffix.lower()
     if suffix in SUFFIXES:
         return _object(path, options)
+    if options.up and options.up not in UP:
+        raise InputError(f"got the up axis {options.up!r}; allowed: {', '.join(UP)}")
+    meshes = ReadOptions(options.packages, options.hull, options.up, options.arguments)
     known = [(one, one.read) for one in formats().values() if one.read is not None]
     if suffix in ANY_XML:
         root = read_xml(path)
@@ -174,37 +222,37 @@ def _read(path: Path, options: ImportOptions) -> SourceModel:
         if root.tag not in readers:
             allowed = ", ".join(f"<{tag}>" for tag in readers)
             raise root.fail(f"is not a robot; allowed: {allowed}")
-        return readers[root.tag](path, options.packages)
+        return readers[root.tag](path, meshes)
     readers = {ending: read for one, read in known for ending in one.suffixes}
     if suffix not in readers:
         allowed = ", ".join((*readers, *SUFFIXES))
         raise ImportFileError(str(path), f"unknown format {suffix!r}; allowed: {allowed}")
-    return readers[suffix](path, options.packages)
+    return readers[suffix](path, meshes)
 
 
 def _object(path: Path, options: ImportOptions) -> SourceModel:
     """Return a mesh as a model of one link."""
-    if options.unit not in UNITS:
+    if options.unit and options.unit not in UNITS:
         raise InputError(f"got the unit {options.unit!r}; allowed: {', '.join(UNITS)}")
-    surface = load_surface(path, UNITS[options.unit])
-    check_size(float(np.ptp(surface.vertices, axis=0).max()), str(path))
-    body = solid_of(surface, str(path), hull=options.hull)
+    if options.up and options.up not in UP:
+        raise InputError(f"got the up axis {options.up!r}; allowed: {', '.join(UP)}")
+    surface = read_surface(path, options.unit, options.up)
+    check_size(float(np.ptp(surface.whole.vertices, axis=0).max()), str(path))
+    body = solid_of(surface, str(path), hull=options.hull, open_as=options.open_as)
     mass = DENSITY * body.volume if options.mass is None else options.mass
     if not 0.0 < mass < np.inf:
         raise InputError(f"got a mass of {mass:g} kg; allowed: above 0")
-    shapes = [mesh_shape(np.eye(4), body.surface, "casting")]
+    shapes = [mesh_shape(np.eye(4), one, look or DEFAULT_MATERIAL) for look, one in surface.looks]
     for piece in body.convex:
-        touched = mesh_shape(np.eye(4), piece, "casting")
+        touched = mesh_shape(np.eye(4), piece, DEFAULT_MATERIAL)
         shapes.append(replace(touched, visible=False, collide=True))
     link = Link(
         path.stem, mass=mass, com=body.com, inertia=mass * body.gyration, shapes=tuple(shapes)
     )
-    warnings = (
-        ()
-        if options.mass is not None
-        else (f"{path}: mass from {DENSITY:g} kg/m^3: {mass:.4g} kg",)
-    )
-    return SourceModel(path.stem, str(path), (link,), (), (), warnings)
+    warnings = [*surface.notes, *(f"{path.name}: {note}" for note in body.notes)]
+    if options.mass is None:
+        warnings.append(f"{path.name}: mass from {DENSITY:g} kg/m^3: {mass:.4g} kg")
+    return SourceModel(path.stem, str(path), (link,), (), (), tuple(warnings))
 
 
 def _write(
@@ -288,7 +336,7 @@ def _body(
         source = "placeholder: the file gives no mass"
         if moves:
             warnings.append(f"link {link.name}: movable link without mass; set to {mass:g} kg")
-    problem = impossible(inertia)
+    problem = impossible(inertia) or _too_large(inertia, mass, com, link)
     if problem:
         inertia = mass * _gyration(link)
         source = f"mass: the file; its inertia is {problem}; that of a box about the shapes"
@@ -302,6 +350,21 @@ def _body(
         turn @ inertia @ turn.T,
         tuple(_placed(s, at, f"{model.file}: {link.name}") for s in link.shapes),
         source,
+    )
+
+
+def _too_large(inertia: Array, mass: float, com: Array, link: Link) -> str:
+    """Return the problem of an inertia that no mass within a link's shapes has, "" without one."""
+    if not link.shapes:
+        return ""
+    corners = np.concatenate([_corners(shape) for shape in link.shapes])
+    reach = float(np.linalg.norm(corners - com, axis=1).max())
+    largest = float(np.linalg.eigvalsh(inertia)[-1])
+    if largest <= LARGEST_INERTIA * mass * reach**2:
+        return ""
+    return (
+        f"no possible body: {largest:.3g} kg m^2, where {mass:.3g} kg within {reach:.3g} m have"
+        f" {mass * reach**2:.3g} at most"
     )
 
 
@@ -420,7 +483,11 @@ def _shape_row(shape: Shape, name: str, meshes: dict[str, Mesh]) -> dict[str, An
     else:
         along = float(shape.size[1]) * turn[:, 2]
         row |= {"from_m": at - along, "to_m": at + along, "radius_m": float(shape.size[0])}
-    row |= {"material": shape.material, "collide": shape.collide}
+    colour = shape.material.removeprefix("color_")
+    looks = {"material": colour} if colour == shape.material else {"color": f"#{colour}"}
+    row |= {**looks, "collide": shape.collide}
+    if shape.friction is not None:
+        row["friction"] = shape.friction
     return row if shape.visible else {**row, "visible": False}
 
 

@@ -621,14 +621,13 @@ def without_capsule(shape: Shape) -> tuple[Shape, ...]:
     return replace(shape, kind="cylinder"), *(replace(ball, pose=end) for end in ends)
 
 
-def nearest_material(rgba: Array | None) -> str:
-    """Return the material with the colour nearest to `rgba`, (4,); "casting" without one."""
-    if rgba is None:
-        return "casting"
-    off = {
-        name: float(np.sum((np.array(m.rgba[:3]) - rgba[:3]) ** 2)) for name, m in MATERIALS.items()
-    }
-    return min(off, key=lambda name: off[name])
+def material_of(rgb: Array) -> str:
+    """Return the name in `descriptions.materials` of a colour (3,) in 0 to 1, to 8 bits."""
+    eight = np.rint(255.0 * np.clip(rgb[:3], 0.0, 1.0)).astype(int)
+    for name, material in MATERIALS.items():
+        if np.array_equal(eight, np.rint(255.0 * np.array(material.rgba[:3])).astype(int)):
+            return name
+    return "color_" + "".join(f"{value:02x}" for value in eight)
 
 
 def solid(kind: ShapeKind, pose: Array, sizes: Sequence[float], material: str) -> Shape:

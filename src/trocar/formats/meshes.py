@@ -1,44 +1,28 @@
-"""Meshes: written, read, checked, and decomposed into convex pieces.
-
-Reading and mass properties are trimesh's, the convex decomposition is CoACD's (Wei et al. 2022,
-"Approximate convex decomposition for 3D meshes with collision-aware concavity and tree search").
-"""
+"""Meshes: written, and found where a robot's file names them."""
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions.materials import MATERIALS
-from trocar.descriptions.meshes import MOST_BYTES, MOST_TRIANGLES, Mesh, lfs_problem, welded
-from trocar.descriptions.records import Shape
-from trocar.errors import InputError, MissingExtraError
-from trocar.formats.links import ImportFileError, LinkModel, mesh_shape, solid
-from trocar.formats.xml_tree import XmlNode
+from trocar.descriptions.meshes import Mesh
+from trocar.descriptions.records import Shape, ShapeKind
+from trocar.formats.links import LinkModel, mesh_shape, solid
+from trocar.formats.pieces import collision_pieces
+from trocar.formats.surfaces import SUFFIXES, MeshSurface, mean_colour, read_surface
+from trocar.formats.xml_tree import XmlNode, package_places
 from trocar.inputs import is_file
 
 Array = NDArray[np.float64]
 
 MATERIAL_FILE = "materials.mtl"
-#: Endings of the files that are read.
-SUFFIXES = (".obj", ".stl", ".ply", ".glb", ".gltf", ".dae")
-#: Smallest ratio of volume to hull volume of a body that counts as convex. Source: our own choice.
-NEARLY_CONVEX = 0.98
-#: Concavity that CoACD leaves, as a ratio to the size, and its largest number of pieces.
-#: Source: its authors' default; our own choice, of what a physics step affords.
-DENT, MOST_PIECES = 0.05, 32
-#: Largest number of corners of a convex piece, which bounds the cost of a contact. Source: our own
-#: choice.
-MOST_CORNERS = 32
-#: Limits of the size of a part [m]. Source: our own choice: a cart is 2 m high, a needle's thread
-#: 0.1 mm thick.
-SMALLEST_M, LARGEST_M = 5e-4, 10.0
+#: Material of shapes without a colour.
+DEFAULT_MATERIAL = "casting"
 
 
 def mesh_names(model: LinkModel) -> dict[Mesh, str]:
@@ -123,180 +107,45 @@ def obj_text(mesh: Mesh) -> str:
     return f"# millimetres\n{corners}{faces}"
 
 
-@dataclass(frozen=True, eq=False)
-class MeshSolid:
-    """A body of triangles.
+@dataclass(frozen=True)
+class ReadOptions:
+    """Options of reading a robot's file and its meshes.
 
     Attributes:
-        surface: visible triangles
-        volume: [m^3]
-        com: centre of its volume (3,) [m]
-        gyration: inertia of 1 kg about that centre, (3, 3) [m^2]
-        convex: convex pieces that fill it
+        packages: folders of packages, for package://, model:// and $(find)
+        hull: colliding meshes become their convex hulls
+        up: up axis of every mesh, of `surfaces.UP`; "": the files' own
+        arguments: (name, value) of the arguments of a xacro file
     """
 
-    surface: Mesh
-    volume: float
-    com: Array
-    gyration: Array
-    convex: tuple[Mesh, ...]
+    packages: tuple[Path, ...] = ()
+    hull: bool = False
+    up: str = ""
+    arguments: tuple[tuple[str, str], ...] = ()
 
 
-def load_surface(path: Path, scale: Array | float = 1.0) -> Mesh:
-    """Return the triangles of a file, times `scale` (a number, or (3,), one per axis) [m].
-
-    Corners at the same place are merged, as by `read_mesh`: STL repeats each six times.
-
-    Raises:
-        ImportFileError: no such file, an unknown format, no triangles, too many
-        MissingExtraError: trimesh is not installed
-    """
-    trimesh = _trimesh()
-    if path.suffix.lower() not in SUFFIXES:
-        raise ImportFileError(str(path), f"unknown format; allowed: {', '.join(SUFFIXES)}")
-    if not is_file(path):
-        raise ImportFileError(str(path), "no such file")
-    if path.stat().st_size > MOST_BYTES:
-        raise ImportFileError(str(path), f"is larger than {1e-6 * MOST_BYTES:g} MB")
-    with path.open("rb") as file:
-        problem = lfs_problem(file.read(1024))
-    if problem:
-        raise ImportFileError(str(path), problem)
-    log = logging.getLogger("trimesh")
-    before = log.level
-    log.setLevel(logging.CRITICAL)  # of facets without normals it logs a traceback
-    try:
-        found = trimesh.load(path, force="mesh", process=False)
-    except Exception as problem:  # trimesh's readers raise whatever they meet
-        raise ImportFileError(str(path), f"cannot be read: {problem}") from problem
-    finally:
-        log.setLevel(before)
-    faces = np.asarray(getattr(found, "faces", []), dtype=np.int64).reshape(-1, 3)
-    if not 0 < len(faces) <= MOST_TRIANGLES:
-        raise ImportFileError(
-            str(path), f"has {len(faces)} triangles; allowed: 1 to {MOST_TRIANGLES}"
-        )
-    vertices = np.asarray(found.vertices, dtype=np.float64) * scale
-    if not np.isfinite(vertices).all():
-        raise ImportFileError(str(path), "has coordinates that are not finite")
-    return Mesh(*welded(vertices, faces))
-
-
-def solid_of(surface: Mesh, file: str, *, hull: bool = False) -> MeshSolid:
-    """Return a surface as a body.
-
-    Args:
-        surface: closed triangles [m]
-        file: their file, for messages
-        hull: return the convex hull instead of convex pieces
-
-    Raises:
-        InputError: not watertight, no volume
-        MissingExtraError: trimesh or coacd is not installed
-    """
-    trimesh = _trimesh()
-    body = trimesh.Trimesh(surface.vertices, surface.faces, process=True)
-    body.merge_vertices(merge_norm=True, merge_tex=True)
-    if hull:
-        body = _hull(body, file)
-    offer = "; --hull takes the convex hull instead"
-    if not body.is_watertight:
-        edges = np.sort(body.edges, axis=1)
-        _, count = np.unique(edges, axis=0, return_counts=True)
-        raise InputError(
-            f"{file}: is not watertight: {int((count != 2).sum())} edges do not have two triangles"
-            f" each{offer}"
-        )
-    body.fix_normals()
-    extents: Array = np.maximum(body.extents, 1e-9)
-    if not body.volume > 1e-6 * float(np.prod(extents)):
-        raise InputError(f"{file}: has no volume (got {body.volume:.3g} m^3){offer}")
-    properties = body.mass_properties
-    gyration = np.asarray(properties["inertia"]) / properties["mass"]
-    whole = _hull(body, file)
-    if hull or body.volume >= NEARLY_CONVEX * whole.volume:
-        convex = (_mesh(whole),)
-    else:
-        convex = _decomposed(body)
-    shown = _mesh(body) if hull else surface
-    return MeshSolid(shown, float(body.volume), np.asarray(body.center_mass), gyration, convex)
-
-
-def hull_of(surface: Mesh, file: str) -> Mesh:
-    """Return the convex hull of a surface, which need not be closed."""
-    trimesh = _trimesh()
-    return _mesh(_hull(trimesh.Trimesh(surface.vertices, surface.faces, process=False), file))
-
-
-def check_size(extent: float, file: str) -> None:
-    """Reject a size [m] outside of SMALLEST_M to LARGEST_M.
-
-    Raises:
-        InputError: the message names the units in which the size would be plausible
-    """
-    if SMALLEST_M <= extent <= LARGEST_M:
-        return
-    fits = [
-        unit
-        for unit, metres in (("mm", 1e-3), ("cm", 1e-2), ("in", 0.0254), ("m (of mm)", 1e3))
-        if SMALLEST_M <= extent * metres <= LARGEST_M
-    ]
-    hint = f"; in {fits[0]} it would be plausible: --unit {fits[0].split()[0]}" if fits else ""
-    raise InputError(
-        f"{file}: got a size of {extent:.3g} m; allowed: {SMALLEST_M:g} to {LARGEST_M:g} m{hint}"
-    )
-
-
-def _hull(body: Any, file: str) -> Any:
-    try:
-        found = body.convex_hull
-    except Exception as problem:  # Qhull's errors are its own
-        raise InputError(f"{file}: is planar or linear: the convex hull has no volume") from problem
-    if not found.volume > 0.0:
-        raise InputError(f"{file}: is planar or linear: the convex hull has no volume")
-    return found
-
-
-def _decomposed(body: Any) -> tuple[Mesh, ...]:
-    try:
-        import coacd  # pyright: ignore[reportMissingTypeStubs] - it has no types
-    except ImportError as problem:
-        raise MissingExtraError("coacd", "convex", "mesh decomposition") from problem
-    library: Any = coacd
-    library.set_log_level("error")
-    parts = library.run_coacd(
-        library.Mesh(np.asarray(body.vertices), np.asarray(body.faces)),
-        threshold=DENT,
-        max_convex_hull=MOST_PIECES,
-        max_ch_vertex=MOST_CORNERS,
-        decimate=True,
-        seed=0,
-    )
-    return tuple(
-        Mesh(np.asarray(v, dtype=np.float64), np.asarray(f, dtype=np.int64)) for v, f in parts
-    )
-
-
-def _mesh(body: Any) -> Mesh:
-    return Mesh(np.array(body.vertices, dtype=np.float64), np.array(body.faces, dtype=np.int64))
-
-
-def _trimesh() -> Any:
-    try:
-        import trimesh
-    except ImportError as problem:
-        raise MissingExtraError("trimesh", "convex", "reading meshes") from problem
-    return trimesh
+#: {element: kind of shape}
+PRIMITIVES: Mapping[str, ShapeKind] = {
+    "box": "box", "sphere": "sphere", "cylinder": "cylinder", "capsule": "capsule"
+}  # fmt: skip
+#: A mesh's file, its object ("" for all), whether that is centred, and the scale.
+MeshKey = tuple[Path, str, bool, tuple[float, ...]]
 
 
 class MeshFinder:
-    """Shapes of a robot's file; each mesh that it names is read once."""
+    """Shapes of a robot's file; each mesh that it names is read and decomposed once.
 
-    def __init__(self, path: Path, packages: tuple[Path, ...]) -> None:
+    Attributes:
+        notes: units, axes, looks and hulls that were applied or changed, each once
+    """
+
+    def __init__(self, path: Path, options: ReadOptions) -> None:
         self._folder = path.resolve().parent
-        self._packages = packages
-        #: {file and scale: its triangles}: a link is often seen and touched as the same mesh.
-        self._read: dict[tuple[Path, tuple[float, ...]], Mesh] = {}
+        self._options = options
+        self.notes: dict[str, None] = {}
+        self._files: dict[tuple[Path, str], MeshSurface] = {}
+        self._scaled: dict[MeshKey, MeshSurface] = {}
+        self._pieces: dict[MeshKey, list[Mesh]] = {}
 
     def find(self, node: XmlNode, uri: str) -> Path:
         """Return the file of a URI or relative path.
@@ -312,9 +161,8 @@ class MeshFinder:
         elif scheme in ("package", "model"):
             name, _, inside = rest.strip("/").partition("/")
             inside = inside.lstrip("/")  # model://ecm//meshes/base_link.STL of dvrk_env
-            above = [*self._packages, self._folder, *self._folder.parents]
-            places = [p / name / inside for p in above]
-            places += [p / inside for p in above if p.name == name or is_file(p / "package.xml")]
+            packages = package_places(name, self._folder, self._options.packages)
+            places = [place / inside for place in packages]
         else:
             raise node.fail(f"got {uri!r}; allowed: a path, file://, package:// or model://")
         found = next((place for place in places if is_file(place)), None)
@@ -325,31 +173,103 @@ class MeshFinder:
             )
         return found
 
-    def visual(self, node: XmlNode, pose: Array, material: str) -> Shape:
-        """Return the visible shape of a <geometry>, at T_link_shape, (4, 4)."""
-        return replace(self._shape(node, pose, material), visible=True, collide=False)
+    def visual(self, node: XmlNode, pose: Array, material: str) -> list[Shape]:
+        """Return the visible shapes of a <geometry> at T_link_shape, (4, 4).
 
-    def collision(self, node: XmlNode, pose: Array) -> Shape:
-        """Return the colliding shape of a <geometry>, at T_link_shape, (4, 4)."""
-        return replace(self._shape(node, pose, "casting"), visible=False, collide=True)
+        Args:
+            node: the <geometry>
+            pose: T_link_shape, (4, 4)
+            material: of the shape; "": those of its mesh's file
+        """
+        mesh = self._mesh(node)
+        if mesh is None:
+            shapes = self._primitive(node, pose, material or DEFAULT_MATERIAL)
+            return [replace(shape, visible=True, collide=False) for shape in shapes]
+        surface = self._surface(mesh)
+        if material:
+            return [mesh_shape(pose, surface.whole, material)]
+        return [mesh_shape(pose, part, look or DEFAULT_MATERIAL) for look, part in surface.looks]
 
-    def _shape(self, node: XmlNode, pose: Array, material: str) -> Shape:
+    def collision(self, node: XmlNode, pose: Array) -> list[Shape]:
+        """Return the colliding shapes of a <geometry>, at T_link_shape, (4, 4)."""
+        mesh = self._mesh(node)
+        if mesh is None:
+            shapes = self._primitive(node, pose, DEFAULT_MATERIAL)
+        else:
+            shapes = [mesh_shape(pose, part, DEFAULT_MATERIAL) for part in self._convex(mesh)]
+        return [replace(shape, visible=False, collide=True) for shape in shapes]
+
+    def colour(self, node: XmlNode, uri: str) -> Array:
+        """Return the mean colour of a texture, (3,) in 0 to 1."""
+        path = self.find(node, uri)
+        self.notes[f"{path.name}: texture replaced by its mean colour"] = None
+        return mean_colour(path)
+
+    def _mesh(self, node: XmlNode) -> MeshKey | None:
+        """Return the mesh of a <geometry>, None of a primitive."""
         node.check(("box", "cylinder", "sphere", "capsule", "mesh"))
         inside = node.children()
         if len(inside) != 1:
             raise node.fail(f"has {len(inside)} shapes; allowed: one")
         (kind,) = inside
-        if kind.tag == "mesh":
-            uri = kind.child("uri")
-            name = kind.attribute("filename") if uri is None else uri.text()
-            path, scale = self.find(uri or kind, name), kind.figures("scale", 3, (1, 1, 1))
-            key = path, tuple(scale.tolist())
-            if key not in self._read:
-                self._read[key] = load_surface(path, scale)
-            return mesh_shape(pose, self._read[key], material)
+        if kind.tag != "mesh":
+            return None
+        uri, part = kind.child("uri"), kind.child("submesh")
+        name = kind.attribute("filename") if uri is None else uri.text()
+        path, scale = self.find(uri or kind, name), kind.figures("scale", 3, (1, 1, 1))
+        if path.suffix.lower() not in SUFFIXES:
+            raise kind.fail(f"got {name!r}; allowed: a file that ends in {', '.join(SUFFIXES)}")
+        if not scale.all():
+            raise kind.fail("has a scale of 0; allowed: three numbers other than 0")
+        if part is None:
+            return path, "", False, tuple(scale.tolist())
+        middle = part.child("center")
+        centred = middle is not None and middle.text() in ("1", "true")
+        return path, part.need("name").text(), centred, tuple(scale.tolist())
+
+    def _primitive(self, node: XmlNode, pose: Array, material: str) -> list[Shape]:
+        """Return the box, sphere, cylinder or capsule of a <geometry>, none of no size."""
+        (kind,) = node.children()
         if kind.tag == "box":
-            return solid("box", pose, kind.figures("size", 3).tolist(), material)
-        if kind.tag == "sphere":
-            return solid("sphere", pose, [kind.number("radius")], material)
-        sizes = [kind.number("radius"), kind.number("length")]
-        return solid("cylinder" if kind.tag == "cylinder" else "capsule", pose, sizes, material)
+            sizes = kind.figures("size", 3).tolist()
+        elif kind.tag == "sphere":
+            sizes = [kind.number("radius")]
+        else:
+            sizes = [kind.number("radius"), kind.number("length")]
+        if min(sizes) < 0.0:
+            raise kind.fail(f"has a size of {min(sizes):g}; allowed: above 0")
+        if min(sizes) == 0.0:
+            self.notes[f"<{kind.tag}> of no size is ignored"] = None
+            return []
+        return [solid(PRIMITIVES[kind.tag], pose, sizes, material)]
+
+    def _surface(self, key: MeshKey) -> MeshSurface:
+        if key not in self._scaled:
+            path, part, centred, scale = key
+            if (path, part) not in self._files:
+                found = read_surface(path, up=self._options.up, part=part)
+                self.notes |= dict.fromkeys(found.notes)
+                self._files[path, part] = found
+            found = self._files[path, part]
+            self._scaled[key] = (_centred(found) if centred else found).scaled(np.array(scale))
+        return self._scaled[key]
+
+    def _convex(self, key: MeshKey) -> list[Mesh]:
+        if key not in self._pieces:
+            name = key[0].name
+            found, notes = collision_pieces(self._surface(key), name, hull=self._options.hull)
+            self.notes |= dict.fromkeys(notes)
+            self._pieces[key] = found
+        return self._pieces[key]
+
+
+def _centred(surface: MeshSurface) -> MeshSurface:
+    """Return a surface with its origin in the middle of the box about it."""
+    points = surface.whole.vertices
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+
+    def of(mesh: Mesh) -> Mesh:
+        return Mesh(mesh.vertices - middle, mesh.faces)
+
+    looks = tuple((material, of(mesh)) for material, mesh in surface.looks)
+    return replace(surface, looks=looks, groups=tuple(of(mesh) for mesh in surface.groups))

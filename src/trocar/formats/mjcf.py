@@ -41,11 +41,11 @@ from trocar.formats.links import (
     SourceJoint,
     SourceModel,
     as_tree,
+    material_of,
     mesh_shape,
-    nearest_material,
     solid,
 )
-from trocar.formats.meshes import obj
+from trocar.formats.meshes import DEFAULT_MATERIAL, ReadOptions, obj
 from trocar.formats.xml_tree import (
     NOISE,
     XmlNode,
@@ -103,6 +103,8 @@ SAMPLES, CLEARANCE_M = 256, 0.15
 MARGIN = 1.3
 #: {origin of a body's inertia: text in the README}
 INERTIA = {"source": "as the source has it", "shape": "of its shape", "solid": "of its solid"}
+#: Colour of a geom without one. Source: MuJoCo's XML reference, geom/rgba.
+UNCOLOURED = np.array([0.5, 0.5, 0.5, 1.0], dtype=np.float32)
 #: Lowest group that MuJoCo's viewers hide by default.
 HIDDEN_GROUP = 3
 HINGE_KINDS: dict[int, Motion] = {
@@ -744,18 +746,18 @@ def _line(text: str) -> str:
     return " ".join(text.split()).replace("|", "/")
 
 
-def read_mjcf(path: Path, packages: tuple[Path, ...] = ()) -> SourceModel:
-    """Read a model.
+def read_mjcf(path: Path, options: ReadOptions) -> SourceModel:
+    """Read a model; colliding meshes are hulls, as MuJoCo has them.
 
     Args:
         path: the file
-        packages: unused, as MJCF has no package://
+        options: unused, as MuJoCo finds and reads the meshes
 
     Raises:
         ImportFileError: rejected by MuJoCo, too large, or with a ball joint, weld, tendon or flex
         MissingExtraError: lxml is not installed
     """
-    del packages
+    del options
     _check_made(path, read_xml(path), 1, frozenset({path.resolve()}))
     log_mujoco_warnings()
     try:
@@ -913,7 +915,7 @@ class _MjcfReader:
     def _shape(self, g: int, pose: Array) -> Shape | None:
         m, kinds = self._m, mujoco.mjtGeom
         size, kind = np.array(m.geom_size[g]), int(m.geom_type[g])
-        material = nearest_material(np.array(m.geom_rgba[g]))
+        material = self._material(g)
         if kind == int(kinds.mjGEOM_MESH):
             return mesh_shape(pose, self._mesh(int(m.geom_dataid[g])), material)
         sizes: dict[int, tuple[ShapeKind, Array | tuple[float, float]]] = {
@@ -930,6 +932,28 @@ class _MjcfReader:
             f"{self._file}: {name}: planes, ellipsoids and height fields are ignored"
         )
         return None
+
+    def _material(self, g: int) -> str:
+        """Return the material of a geom's colour, or of its texture's mean."""
+        m, kind = self._m, int(self._m.geom_matid[g])
+        rgba = np.array(m.geom_rgba[g])
+        if kind < 0:
+            return DEFAULT_MATERIAL if np.array_equal(rgba, UNCOLOURED) else material_of(rgba)
+        if np.array_equal(rgba, UNCOLOURED):
+            rgba = np.array(m.mat_rgba[kind])
+        texture = max(int(k) for k in m.mat_texid[kind])
+        if texture < 0 or int(m.tex_nchannel[texture]) < 3:
+            return material_of(rgba)
+        first, channels = int(m.tex_adr[texture]), int(m.tex_nchannel[texture])
+        count = int(m.tex_width[texture]) * int(m.tex_height[texture]) * channels
+        texels = np.array(m.tex_data[first : first + count]).reshape(-1, channels)[:, :3]
+        name = self._name(mujoco.mjtObj.mjOBJ_MATERIAL, kind, f"material {kind}")
+        self._note(f"{self._file}: {name}: texture replaced by its mean colour")
+        return material_of(rgba[:3] * texels.mean(axis=0) / 255.0)
+
+    def _note(self, text: str) -> None:
+        if text not in self._warnings:
+            self._warnings.append(text)
 
     def _mesh(self, k: int) -> Mesh:
         m = self._m

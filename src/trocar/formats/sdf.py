@@ -45,10 +45,10 @@ from trocar.formats.links import (
     as_tree,
     joint_motion,
     joints_above,
-    nearest_material,
+    material_of,
     without_capsule,
 )
-from trocar.formats.meshes import MeshFinder
+from trocar.formats.meshes import MeshFinder, ReadOptions
 from trocar.formats.xml_tree import (
     INFINITE,
     XmlNode,
@@ -88,6 +88,18 @@ MODEL = "model.sdf"
 MODEL_PARTS = ("link", "joint", "frame", "pose")
 #: Elements of a model that configure a simulator; they are ignored with a warning.
 PASSED_OVER = ("plugin", "static", "self_collide", "allow_auto_disable", "enable_wind")
+#: Colours of Gazebo's materials. Source: gazebo-classic, media/materials/scripts/gazebo.material,
+#: `diffuse`.
+GAZEBO_COLOURS: Mapping[str, tuple[float, float, float]] = {
+    "Gazebo/Grey": (0.7, 0.7, 0.7), "Gazebo/DarkGrey": (0.175, 0.175, 0.175),
+    "Gazebo/White": (1.0, 1.0, 1.0), "Gazebo/FlatBlack": (0.1, 0.1, 0.1),
+    "Gazebo/Black": (0.0, 0.0, 0.0), "Gazebo/Red": (1.0, 0.0, 0.0),
+    "Gazebo/RedBright": (0.87, 0.26, 0.07), "Gazebo/Green": (0.0, 1.0, 0.0),
+    "Gazebo/Blue": (0.0, 0.0, 1.0), "Gazebo/Yellow": (1.0, 1.0, 0.0),
+    "Gazebo/ZincYellow": (0.9725, 0.9529, 0.2078), "Gazebo/Purple": (1.0, 0.0, 1.0),
+    "Gazebo/Turquoise": (0.0, 1.0, 1.0), "Gazebo/Orange": (1.0, 0.5088, 0.0468),
+    "Gazebo/Gold": (0.8, 0.64869, 0.120759),
+}  # fmt: skip
 LINK_PARTS = ("pose", "inertial", "visual", "collision")
 LINK_PASSED_OVER = ("gravity", "self_collide", "kinematic", "enable_wind", "velocity_decay")
 
@@ -572,12 +584,12 @@ def _readme(task: ExportTask, version: str, world_file: str) -> str:
     return readme(task, "sdf", body)
 
 
-def read_sdf(path: Path, packages: tuple[Path, ...] = ()) -> SourceModel:
+def read_sdf(path: Path, options: ReadOptions) -> SourceModel:
     """Read a model.
 
     Args:
         path: the file
-        packages: folders of packages, for package:// and model://
+        options: those of its meshes
 
     Raises:
         ImportFileError: not exactly one model, an unknown element, a missing file
@@ -597,7 +609,7 @@ def read_sdf(path: Path, packages: tuple[Path, ...] = ()) -> SourceModel:
     if numbers is None:
         raise root.fail(f"version: got {version[:40]!r}; allowed: two numbers, as in 1.7")
     major, minor = map(int, numbers.groups())
-    return _SdfModel(models[0], str(path), (major, minor), packages).read(path)
+    return _SdfModel(models[0], str(path), (major, minor), options).read(path)
 
 
 @dataclass(frozen=True, eq=False)
@@ -610,12 +622,13 @@ class _Place:
 
 class _SdfModel:
     def __init__(
-        self, node: XmlNode, file: str, version: tuple[int, ...], packages: tuple[Path, ...]
+        self, node: XmlNode, file: str, version: tuple[int, ...], options: ReadOptions
     ) -> None:
         self._node, self._file = node, file
         self._version = version
         node.check((*MODEL_PARTS, *PASSED_OVER))
-        self._finder = MeshFinder(Path(file), packages)
+        self._finder = MeshFinder(Path(file), options)
+        self._notes: dict[str, None] = {}
         self._still = {
             joint.need("child").text()
             for joint in node.children("joint")
@@ -684,17 +697,18 @@ class _SdfModel:
         except ImportFileError as problem:
             raise self._node.fail(str(problem).partition(": ")[2]) from problem
         name = self._node.attribute("name")
+        warnings += [*self._finder.notes, *self._notes]
         return SourceModel(name, self._file, ordered, joints, tuple(loops), tuple(warnings))
 
     def _link(self, node: XmlNode) -> Link:
         node.check((*LINK_PARTS, *LINK_PASSED_OVER, "sensor", "light"))
         shapes: list[Shape] = []
         for visual in node.children("visual"):
-            geometry, material = visual.need("geometry"), _read_material(visual)
-            shapes.append(self._finder.visual(geometry, _own_pose(visual), material))
+            geometry, material = visual.need("geometry"), self._material(visual)
+            shapes += self._finder.visual(geometry, _own_pose(visual), material)
         for collision in node.children("collision"):
             geometry = collision.need("geometry")
-            shapes.append(self._finder.collision(geometry, _own_pose(collision)))
+            shapes += self._finder.collision(geometry, _own_pose(collision))
         link = Link(node.attribute("name"), shapes=tuple(shapes))
         inertial = node.child("inertial")
         if inertial is None:  # the format's default; none for an empty link fixed to the world
@@ -703,6 +717,26 @@ class _SdfModel:
         at, values = _own_pose(inertial), inertial.child("inertia")
         inertia = inertia_of(values, at[:3, :3], diagonal=1.0)
         return replace(link, mass=inertial.number("mass", 1.0), com=at[:3, 3], inertia=inertia)
+
+    def _material(self, visual: XmlNode) -> str:
+        """Return the name of a material in `descriptions.materials`, "" without a colour."""
+        material = visual.child("material")
+        if material is None:
+            return ""
+        script, pbr = material.child("script"), material.child("pbr")
+        metal = None if pbr is None else pbr.child("metal") or pbr.child("specular")
+        texture = None if metal is None else metal.child("albedo_map")
+        if texture is not None and texture.text():
+            return material_of(self._finder.colour(texture, texture.text()))
+        name = None if script is None else script.child("name")
+        if name is not None and name.text() in GAZEBO_COLOURS:
+            return material_of(np.array(GAZEBO_COLOURS[name.text()]))
+        colour = material.child("diffuse") or material.child("ambient")
+        if colour is not None:
+            return material_of(colour.numbers(4 if len(colour.text().split()) != 3 else 3))
+        if name is not None:
+            self._notes[f"{self._file}: the material {name.text()!r} is not known"] = None
+        return ""
 
     def _joint(self, node: XmlNode) -> SourceJoint:
         node.check(("pose", "parent", "child", "axis", "physics", "sensor"))
@@ -748,14 +782,6 @@ def _read_pose(node: XmlNode) -> Array:
 def _own_pose(node: XmlNode) -> Array:
     pose = node.child("pose")
     return np.eye(4) if pose is None else _read_pose(pose)
-
-
-def _read_material(visual: XmlNode) -> str:
-    material = visual.child("material")
-    colour = None if material is None else (material.child("diffuse") or material.child("ambient"))
-    if colour is None:
-        return nearest_material(None)
-    return nearest_material(np.array([float(v) for v in colour.text().split()]))
 
 
 def _bound(value: float) -> float:

@@ -43,11 +43,12 @@ from trocar.formats.links import (
     as_tree,
     helper_link,
     link_poses,
-    nearest_material,
+    material_of,
     without_capsule,
 )
-from trocar.formats.meshes import MeshFinder, seen_materials
+from trocar.formats.meshes import MeshFinder, ReadOptions, seen_materials
 from trocar.formats.tip_chain import fit_tips
+from trocar.formats.xacro import expand, is_xacro
 from trocar.formats.xml_tree import (
     XmlNode,
     child,
@@ -83,7 +84,15 @@ DESCRIPTION_TOPIC = """Description Source: Topic
 PACKAGE_FILES = """
 | `package.xml`, `CMakeLists.txt` | a ROS package, for ROS 1 (catkin) and ROS 2 (ament) |"""
 #: Elements of other programs, which are ignored with a warning.
-PASSED_OVER = ("gazebo", "transmission", "mujoco")
+PASSED_OVER = (
+    "gazebo", "transmission", "mujoco", "drake", "ros2_control", "sensor", "self_collide",
+    "self_collision_checking", "audio_source",
+)  # fmt: skip
+#: Elements of Bullet's <contact>, of which the first is read. Source: Bullet's UrdfParser.cpp.
+CONTACT = (
+    "lateral_friction", "rolling_friction", "spinning_friction", "restitution", "contact_cfm",
+    "contact_erp", "stiffness", "damping", "friction_anchor", "inertia_scaling",
+)  # fmt: skip
 
 
 def urdf_tree(model: LinkModel) -> LinkModel:
@@ -445,53 +454,71 @@ def start_message(model: LinkModel) -> str:
     return f"header: auto\nname: [{names}]\nposition: [{values}]\nvelocity: []\neffort: []\n"
 
 
-def read_urdf(path: Path, packages: tuple[Path, ...] = ()) -> SourceModel:
-    """Read a robot.
+def read_urdf(path: Path, options: ReadOptions) -> SourceModel:
+    """Read a robot, in ROS's dialect, with xacro or without, or in Bullet's.
 
     Args:
         path: the file
-        packages: folders of packages, for package://; those above the file are searched too
+        options: those of its meshes; folders above the file are searched for packages, too
 
     Raises:
         ImportFileError: not a tree, an unknown element, a missing file
         MissingExtraError: lxml or trimesh is not installed
     """
     root = read_xml(path)
+    if is_xacro(root):
+        root = expand(root, path, options.packages, dict(options.arguments))
     root.check(("link", "joint", "material", *PASSED_OVER))
-    colours = {m.attribute("name"): _read_colour(m) for m in root.children("material")}
-    finder = MeshFinder(path, packages)
-    links = [_read_link(node, colours, finder) for node in root.children("link")]
+    finder = MeshFinder(path, options)
+    materials = {m.attribute("name"): _read_material(m, finder) for m in root.children("material")}
+    links = [_read_link(node, materials, finder) for node in root.children("link")]
+    if not links:
+        raise root.fail("has no links; allowed: a robot (a xacro file of macros alone is included)")
     joints = [_read_joint(node) for node in root.children("joint")]
     tree, order = as_tree(str(path), links, joints)
     _check_mimics(str(path), order)
-    passed = sorted({n.tag for n in root.children() if n.tag in PASSED_OVER})
-    warnings = tuple(f"{path}: <{tag}> is ignored" for tag in passed)
-    return SourceModel(root.attribute("name"), str(path), tree, order, (), warnings)
+    ends = [root, *root.children("link")]
+    passed = {n.tag: "" for end in ends for n in end.children() if n.tag in PASSED_OVER}
+    for contact in (c for link in ends[1:] for c in link.children("contact")):
+        passed |= {n.tag: " of <contact>" for n in contact.children() if n.tag != CONTACT[0]}
+    warnings = [f"{path}: <{tag}>{of} is ignored" for tag, of in sorted(passed.items())]
+    name = root.attribute("name")
+    return SourceModel(name, str(path), tree, order, (), (*warnings, *finder.notes))
 
 
-def _read_colour(node: XmlNode) -> Array | None:
-    node.check(("color", "texture"))
-    colour = node.child("color")
-    return None if colour is None else colour.numbers(4, colour.attribute("rgba"))
+def _read_material(node: XmlNode, finder: MeshFinder) -> str:
+    """Return the name of a material in `descriptions.materials`, "" of a reference by name."""
+    node.check(("color", "texture", "specular", "ambient"))
+    colour, texture = node.child("color"), node.child("texture")
+    if texture is not None and texture.attribute("filename", ""):
+        return material_of(finder.colour(texture, texture.attribute("filename")))
+    if colour is None:
+        return ""
+    rgba = colour.attribute("rgba")
+    return material_of(colour.numbers(4 if len(rgba.split()) != 3 else 3, rgba))
 
 
-def _read_link(node: XmlNode, colours: dict[str, Array | None], finder: MeshFinder) -> Link:
-    node.check(("inertial", "visual", "collision", *PASSED_OVER))
+def _read_link(node: XmlNode, materials: dict[str, str], finder: MeshFinder) -> Link:
+    node.check(("inertial", "visual", "collision", "contact", *PASSED_OVER))
     shapes: list[Shape] = []
     for visual in node.children("visual"):
         visual.check(("origin", "geometry", "material"))
-        material = visual.child("material")
-        rgba = None
-        if material is not None:
-            name = material.attribute("name", "")
-            own = _read_colour(material)
-            rgba = colours.setdefault(name, own) if own is None else own
-            colours[name] = rgba if name else None
-        geometry = visual.need("geometry")
-        shapes.append(finder.visual(geometry, _read_origin(visual), nearest_material(rgba)))
+        looks = visual.child("material")
+        material = ""
+        if looks is not None:
+            name = looks.attribute("name", "")
+            material = _read_material(looks, finder) or (materials.get(name, "") if name else "")
+            materials[name] = material
+        shapes += finder.visual(visual.need("geometry"), _read_origin(visual), material)
+    contact, friction = node.child("contact"), None
+    if contact is not None:
+        contact.check(CONTACT)
+        lateral = contact.child(CONTACT[0])
+        friction = None if lateral is None else lateral.number("value")
     for collision in node.children("collision"):
-        collision.check(("origin", "geometry", "verbose"))
-        shapes.append(finder.collision(collision.need("geometry"), _read_origin(collision)))
+        collision.check(("origin", "geometry", "verbose", "material"))
+        touched = finder.collision(collision.need("geometry"), _read_origin(collision))
+        shapes += [replace(shape, friction=friction) for shape in touched]
     inertial = node.child("inertial")
     link = Link(node.attribute("name"), shapes=tuple(shapes))
     if inertial is None:
@@ -512,7 +539,7 @@ def _read_origin(node: XmlNode) -> Array:
 
 def _read_joint(node: XmlNode) -> SourceJoint:
     known = ("origin", "parent", "child", "axis", "limit", "dynamics", "mimic")
-    node.check((*known, "calibration", "safety_controller"))
+    node.check((*known, "calibration", "safety_controller", "joint_properties"))
     kind = node.attribute("type")
     if kind not in KINDS:
         raise node.fail(f"got the type {kind!r}; allowed: {', '.join(KINDS)}")
@@ -559,7 +586,7 @@ FORMAT = Format(
         --package NAME  urdf: write a ROS package NAME
         --fit-tip       urdf of a calibrated arm: add helper joints that fit the chain to its tip
     """,
-    suffixes=(".urdf",),
+    suffixes=(".urdf", ".xacro"),
     root="robot",
     write=write_urdf,
     read=read_urdf,

@@ -5,6 +5,7 @@ Written files have the same bytes each time: two spaces, numbers without noise.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from trocar.descriptions.meshes import lfs_problem
 from trocar.errors import MissingExtraError
 from trocar.formats.links import ImportFileError, SourceJoint
-from trocar.inputs import read_input
+from trocar.inputs import is_file, read_input
 
 Array = NDArray[np.float64]
 
@@ -26,6 +27,10 @@ Array = NDArray[np.float64]
 NOISE = 1e-14
 #: Size limit of a file [byte]. Source: our own choice; the largest of MuJoCo Menagerie has 0.2 MB.
 MOST_BYTES = 16_000_000
+#: Declaration of a version that XML does not have: Bullet's files have "0.0".
+XML_VERSION = re.compile(
+    rb"""^(?:\xef\xbb\xbf)?\s*(<\?xml\s+version\s*=\s*["'])(?!1\.[01]["'])[^"']*"""
+)
 #: Smallest limit that stands for infinity. Source: sdformat, joint axis limits (1e16).
 INFINITE = 1e15
 
@@ -88,18 +93,29 @@ class XmlNode:
         self._file = file
 
     @property
+    def element(self) -> Any:
+        """The element of lxml."""
+        return self._element
+
+    @property
     def tag(self) -> str:
         """Name of the element."""
         return str(self._element.tag)
 
     def fail(self, problem: str) -> ImportFileError:
         """Return an error with this element's file, line and tag."""
-        return ImportFileError(self._file, f"<{self.tag}> {problem}", self._element.sourceline)
+        _, _, local = self.tag.rpartition("}")
+        name = f"{self._element.prefix}:{local}" if self._element.prefix else local
+        return ImportFileError(self._file, f"<{name}> {problem}", self._element.sourceline)
 
     def children(self, tag: str | None = None) -> list[XmlNode]:
         """Return the elements inside, all or those with a tag; none of namespaces (drake:)."""
         inside = [e for e in self._element if isinstance(e.tag, str) and "{" not in e.tag]
         return [XmlNode(e, self._file) for e in inside if tag is None or e.tag == tag]
+
+    def all_children(self) -> list[XmlNode]:
+        """Return all elements inside, those of namespaces included."""
+        return [XmlNode(e, self._file) for e in self._element if isinstance(e.tag, str)]
 
     def child(self, tag: str) -> XmlNode | None:
         """Return the one element with a tag, None without one.
@@ -193,11 +209,32 @@ def read_xml(path: Path) -> XmlNode:
         data = read_input(path, MOST_BYTES)
         if problem := lfs_problem(data):
             raise ImportFileError(str(path), problem)
-        return XmlNode(etree.fromstring(data, parser), str(path))
+        return XmlNode(etree.fromstring(XML_VERSION.sub(rb"\g<1>1.0", data), parser), str(path))
     except OSError as problem:
         raise ImportFileError(str(path), f"cannot be read: {problem.strerror}") from problem
     except etree.XMLSyntaxError as problem:
         raise ImportFileError(str(path), f"is not XML: {problem.msg}", problem.lineno) from None
+
+
+def package_places(name: str, folder: Path, packages: Iterable[Path]) -> list[Path]:
+    """Return folders that may be a package's, the likeliest first.
+
+    Args:
+        name: of the package
+        folder: that of the file that names it
+        packages: folders in which packages are, or packages
+    """
+    above = [*packages, folder, *folder.parents]
+    called = [p for p in above if p.name == name or _manifest_name(p / "package.xml") == name]
+    return [*(p / name for p in above), *called]
+
+
+def _manifest_name(path: Path) -> str:
+    """Return the name in a package's manifest, "" without one."""
+    if not is_file(path):
+        return ""
+    found = re.search(r"<name>\s*([^<\s]+)\s*</name>", path.read_text("utf-8", "replace"))
+    return "" if found is None else found[1]
 
 
 def inertia_of(node: XmlNode | None, turn: Array, diagonal: float = 0.0) -> Array:

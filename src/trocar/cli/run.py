@@ -64,6 +64,8 @@ def _add_options(parser: ArgumentParser) -> None:
                                          wall time without progress
         --rate HZ:number = {RATE_HZ}     publication rate of states (default: {RATE_HZ:g}, as on the
                                          dVRK; at most 1000)
+        --ros-version 1|2                edition of ROS that the script is written for: rospy or
+                                         rclpy (default: by its imports, else ROS_VERSION, else 1)
     """)  # fmt: skip
     add_world(parser, None, "the smallest with the script's arms")
     add_record(parser)
@@ -93,8 +95,9 @@ def run(args: Namespace) -> int:
     world = make_world(args)
     page = ScriptPage(world, args.port) if args.page else None
     flow, linger = _flow(world, args, page), page and page.linger
+    edition = None if args.ros_version is None else 2 if args.ros_version == "2" else 1
     with nullcontext() if isinstance(flow, Live) else recording(world, args)():
-        outcome = run_script(script.absolute(), args.arguments, flow, args.timeout, linger)
+        outcome = run_script(script.absolute(), args.arguments, flow, args.timeout, linger, edition)
     if isinstance(flow, Live):
         flow.loop.wait()  # raises what went wrong at its end, as with the recording's last chunk
     sys.stdout.flush()

@@ -23,8 +23,10 @@ from types import CodeType, FrameType, ModuleType, TracebackType
 from trocar.descriptions import load_rig
 from trocar.errors import InputError, TrocarError
 from trocar.recording import recorder_of
+from trocar.scripts.messages import Edition
 from trocar.scripts.modules import MissingPackageError, on_import, script_modules
 from trocar.scripts.ros import Node, ROSInterruptException
+from trocar.scripts.ros2 import Ros2
 from trocar.scripts.simulation import Flow, Stepped
 from trocar.scripts.virtual_time import answering, virtual_modules
 
@@ -71,6 +73,7 @@ def run_script(
     flow: Flow,
     timeout_s: float | None = None,
     linger: Callable[[], None] | None = None,
+    edition: Edition | None = None,
 ) -> Outcome:
     """Run a script as `python SCRIPT ...` does, with the simulation in the place of ROS.
 
@@ -81,6 +84,7 @@ def run_script(
         timeout_s: how long the script may take, in simulated time where it is stepped [s]; the
             process ends with a script that holds out against an interruption, see `Watchdog`
         linger: called when the script is over, before the simulation is closed
+        edition: 1 with rospy, 2 with rclpy; by what the script imports, when omitted
 
     Raises:
         InputError: the script cannot be read, or needs a package that is not there
@@ -93,15 +97,18 @@ def run_script(
     if isinstance(flow, Stepped):
         flow.over = OverdueError
         modules = virtual_modules(flow.scheduler)
-    node = Node(flow, modules.get("threading", threading).Thread)
-    modules |= script_modules(node, script.parent)
+    thread = modules.get("threading", threading).Thread
+    node = Node(flow, thread)
+    edition = edition or edition_of(script)
+    ros = Ros2(flow, thread) if edition == 2 else None
+    modules |= script_modules(node, script.parent, ros)
     watchdog = Watchdog(script, flow, timeout_s)
     try:
         flow.start()
         gc.freeze()  # what is there by now stays
         answers = answering(flow.scheduler) if isinstance(flow, Stepped) else nullcontext()
-        with watchdog, answers, on_import(modules, script.parent):
-            status = _outcome(watchdog, lambda: _execute(script, code, arguments, flow, node))
+        with watchdog, answers, on_import(modules, script.parent, edition):
+            status = _outcome(watchdog, lambda: _execute(script, code, arguments, node, ros))
         flow.look()  # raises the error of a simulation that broke down beside the script
         if linger is not None:
             linger()
@@ -121,7 +128,7 @@ def _compiled(script: Path) -> CodeType:
 
 
 def _execute(
-    script: Path, code: CodeType, arguments: Sequence[str], flow: Flow, node: Node
+    script: Path, code: CodeType, arguments: Sequence[str], node: Node, ros: Ros2 | None
 ) -> None:  # fmt: skip
     main = ModuleType("__main__")
     main.__file__ = str(script)
@@ -129,10 +136,12 @@ def _execute(
     sys.argv[:] = [str(script), *arguments]
     try:
         exec(code, main.__dict__)
-        _join(flow)
+        _join(node.flow)
     finally:
         with suppress(OverdueError):
             node.signal_shutdown()
+            if ros is not None:
+                ros.try_shutdown()
 
 
 def _join(flow: Flow) -> None:
@@ -307,6 +316,44 @@ def interrupt(thread: threading.Thread) -> None:
         signal.pthread_kill(thread.ident, WAKE)
     else:
         _thread.interrupt_main(WAKE)
+
+
+#: Packages by which a script shows its edition of ROS.
+EDITIONS: dict[Edition, frozenset[str]] = {
+    1: frozenset(("rospy", "rosbag", "roslib", "tf", "tf_conversions", "genpy", "actionlib")),
+    2: frozenset(
+        ("rclpy", "rosbag2_py", "rosidl_runtime_py", "ament_index_python", "rcl_interfaces",
+         "builtin_interfaces", "launch_ros", "tf_transformations", "sensor_msgs_py")
+    ),
+}  # fmt: skip
+
+
+def edition_of(script: Path) -> Edition:
+    """Return the edition of ROS that a script, and what lies beside it, imports packages of.
+
+    Where it imports those of both or of none, ROS_VERSION counts, else it is 1.
+    """
+    found = _packages(script, set())
+    editions = [edition for edition, names in EDITIONS.items() if names & found]
+    if len(editions) == 1:
+        return editions[0]
+    return 2 if os.environ.get("ROS_VERSION") == "2" else 1
+
+
+def _packages(script: Path, seen: set[Path]) -> set[str]:
+    """Return the packages that a script imports, and those that lie beside it import."""
+    seen.add(script)
+    found: set[str] = set()
+    for node in ast.walk(_tree(script.read_bytes())):
+        if isinstance(node, ast.Import):
+            found |= {name.name.split(".")[0] for name in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            found.add((node.module or "").split(".")[0])
+    for name in tuple(found):
+        beside = script.parent / f"{name}.py"
+        if beside not in seen and beside.is_file():
+            found |= _packages(beside, seen)
+    return found
 
 
 #: Built-in rigs that have arms of different kinds, the fastest first.

@@ -19,11 +19,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from trocar.cli.arguments import Parser, add_port, allow, allow_overwrite, options
-from trocar.cli.worlds import add_record, add_world, make_world, recording
+from trocar.cli.worlds import (
+    add_cameras,
+    add_record,
+    add_world,
+    make_world,
+    open_pictures,
+    recording,
+)
 from trocar.errors import InputError, TrocarError
 
 if TYPE_CHECKING:
     from trocar.live import Loop
+    from trocar.live.images import Pictures
     from trocar.scripts import Flow
     from trocar.simulation import World
 
@@ -33,7 +41,9 @@ ORDER = 30
 #: Publication rate of states [Hz]. Source: dVRK 2.4, system_ROS publishes every 10 ms.
 RATE_HZ = 100.0
 #: Options without a value.
-FLAGS = ("-h", "--help", "--page", "--overwrite")
+FLAGS = (
+    "-h", "--help", "--page", "--overwrite", "--no-cameras", "--distortion", "--no-shadows"
+)  # fmt: skip
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -69,6 +79,7 @@ def _add_options(parser: ArgumentParser) -> None:
     """)  # fmt: skip
     add_world(parser, None, "the smallest with the script's arms")
     add_record(parser)
+    add_cameras(parser.add_argument_group("cameras"))
     viewer = parser.add_argument_group("web viewer")
     options(viewer, """
         --page  serve the web viewer
@@ -115,10 +126,16 @@ def _flow(world: World, args: Namespace, page: ScriptPage | None) -> Flow:
     from trocar.scripts import Live, Stepped
     from trocar.teleoperation import components
 
+    def draw(loop: Loop) -> Pictures | None:
+        return open_pictures(loop, args, stepped=args.speed == "max")
+
+    rates: dict[str, float] = {"rate_hz": args.rate}
+    if args.camera_rate is not None:
+        rates["camera_rate_hz"] = args.camera_rate
     if args.speed == "max":
-        return Stepped(world, args.timeout, components, rate_hz=args.rate)
+        return Stepped(world, args.timeout, components, draw, **rates)
     begin = Loop.start if page is None else page.begin
-    live = Live(world, begin, components, rate_hz=args.rate)
+    live = Live(world, begin, components, draw, **rates)
     live.loop.while_running = recording(world, args)
     return live
 

@@ -63,13 +63,19 @@ def nearest_topic(name: str, topics: Mapping[str, Topic], direction: Direction) 
             if same:
                 return same[0]
     lower = {one.lower(): one for one in known}
-    near = get_close_matches(_renamed(name).lower()[:200], lower, n=1, cutoff=SIMILAR)
+    wanted = _renamed(name).lower()[:200]
+    for start in range(1, len(parts)):
+        tail = "/" + "/".join(wanted.split("/")[start:])
+        near = get_close_matches(wanted, [one for one in lower if one.endswith(tail)], 1, 0.0)
+        if near:
+            return lower[near[0]]
+    near = get_close_matches(wanted, lower, 1, SIMILAR)
     return lower[near[0]] if near else ""
 
 
 def _renamed(name: str) -> str:
     before, _, last = name.rpartition("/")
-    return f"{before}/{FORMER.get(last, last)}"
+    return f"{before}/{FORMER.get(last, last)}".lstrip("/")
 
 
 def nobody(name: str, topics: Mapping[str, Topic], direction: Direction) -> str:

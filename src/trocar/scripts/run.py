@@ -367,10 +367,12 @@ PARTS = {
     "teleop_psm": ("MTML", "MTMR", "PSM1"),
 }
 ARM = re.compile(r"PSM[123]|ECM|MTM[LR]|SUJ")
+#: Names of topics of cameras.
+SEEN = re.compile(r"image_(raw|rect|color|mono)|camera_info|/compressed")
 
 
 def rig_for(source: bytes, arguments: Sequence[str]) -> str:
-    """Return the first rig that has all arms that a script names.
+    """Return the first rig that has all arms that a script names, and a camera for its images.
 
     Args:
         source: of the script; texts in it count, remarks and docstrings do not
@@ -382,10 +384,12 @@ def rig_for(source: bytes, arguments: Sequence[str]) -> str:
     named |= set(_parts(tree))
     if not named:
         return EVERY
+    sees = any(SEEN.search(text) for text in (*arguments, *_texts(tree)))
     for rig in RIGS:
-        arms = {arm.name for arm in load_rig(rig).arms}
+        found = load_rig(rig)
+        arms = {arm.name for arm in found.arms}
         arms |= {"SUJ"} if any(name.startswith("SUJ_") for name in arms) else set()
-        if named <= arms:
+        if named <= arms and (found.cameras or not sees):
             return rig
     return RIGS[-1]
 

@@ -19,6 +19,7 @@ from collections.abc import Callable, Sequence
 from math import ceil, inf
 from typing import Any
 
+from trocar.live.images import Pictures
 from trocar.live.loop import SERVER_TICK_S, Loop
 from trocar.live.pace import nearest_tick
 from trocar.ros.clock import SECOND, Beat
@@ -41,6 +42,8 @@ SILENT_S = 1.0
 Call = Callable[[Callable[[], None]], None]
 #: Makes what is served beside the arms, of the loop.
 Parts = Callable[[Loop], Sequence[Component]]
+#: Makes what draws for the cameras, of the loop; None: there are no topics of cameras.
+Draw = Callable[[Loop], Pictures | None]
 
 
 class Subscription:
@@ -242,6 +245,7 @@ class Stepped:
         world: used by this object alone
         limit_s: simulated time after which the script has to be over [s]; None: none
         parts: makes what is served beside the arms, of the loop
+        draw: makes what draws for the cameras, of the loop
         rates: `rate_hz` and the like of the `Core`
 
     Attributes:
@@ -253,7 +257,12 @@ class Stepped:
     virtual = True
 
     def __init__(
-        self, world: World, limit_s: float | None = None, parts: Parts = lambda _: (), **rates: Any
+        self,
+        world: World,
+        limit_s: float | None = None,
+        parts: Parts = lambda _: (),
+        draw: Draw = lambda _: None,
+        **rates: Any,
     ) -> None:
         self.world = world
         self._clock = TickClock()
@@ -261,11 +270,13 @@ class Stepped:
         self._loop = Loop(world, speed="max", tick_s=tick_s, clock=self._clock)
         components = parts(self._loop)
         self._alone = not components
+        self._pictures = draw(self._loop)
         self.core = Core(
             self._loop,
             clock="sim",
             first_ns=FIRST_NS,
             components=components,
+            pictures=self._pictures,
             setpoint_timeout_s=0.0,  # as on the dVRK: a script ends with its simulation
             **rates,
         )
@@ -293,6 +304,8 @@ class Stepped:
     def close(self) -> None:
         """End."""
         self.core.close()
+        if self._pictures is not None:
+            self._pictures.close()
         self._loop.close()
 
     @property
@@ -377,6 +390,7 @@ class Live:
         world: used by this object alone
         begin: starts the loop, and a viewer of it where there is one
         parts: makes what is served beside the arms, of the loop
+        draw: makes what draws for the cameras, of the loop
         rates: `rate_hz` and the like of the `Core`
 
     Attributes:
@@ -391,12 +405,20 @@ class Live:
         world: World,
         begin: Callable[[Loop], None] = Loop.start,
         parts: Parts = lambda _: (),
+        draw: Draw = lambda _: None,
         **rates: Any,
     ) -> None:
         self.world, self._begin = world, begin
         self.loop = Loop(world, tick_s=nearest_tick(SERVER_TICK_S, world.timestep))
         components = parts(self.loop)
-        self.core = Core(self.loop, components=components, setpoint_timeout_s=0.0, **rates)
+        self._pictures = draw(self.loop)
+        self.core = Core(
+            self.loop,
+            components=components,
+            pictures=self._pictures,
+            setpoint_timeout_s=0.0,
+            **rates,
+        )
         self.bus = MessageBus(self._later)
         self.core.attach(self.bus)
         self._calls: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
@@ -405,6 +427,8 @@ class Live:
 
     def start(self) -> None:
         """Start, and wait for the first tick."""
+        if self._pictures is not None:
+            self._pictures.start()
         self.core.start()
         self._thread.start()
         self._begin(self.loop)
@@ -414,6 +438,8 @@ class Live:
         """End, and stop every thread."""
         self._calls.put(None)
         self.core.close()
+        if self._pictures is not None:
+            self._pictures.close()
         self.loop.close()
 
     @property

@@ -15,7 +15,18 @@ from typing import Any
 
 from trocar.messages import message_names, service_names
 from trocar.messages.types import SECOND
-from trocar.scripts import crtk_client, dvrk_client, kdl, ros2, ros2_executors, ros2_settings
+from trocar.scripts import (
+    bags,
+    crtk_client,
+    dvrk_client,
+    image_bridge,
+    kdl,
+    posemath,
+    ros2,
+    ros2_executors,
+    ros2_settings,
+    transformations,
+)
 from trocar.scripts.messages import (
     BuiltinDuration,
     BuiltinTime,
@@ -51,9 +62,10 @@ def script_modules(node: Node, folder: Path, ros: Ros2 | None = None) -> dict[st
     if ros is None:
         found = message_modules()
         found["rospy"] = _module("rospy", node.names(), "What scripts use of rospy.")
+        found |= ros1_modules(node)
         own = client_modules(type("ral", (crtk_client.ral,), {"_node_of_run": node}))
     else:
-        found = message_modules(2) | rclpy_modules(ros)
+        found = message_modules(2) | rclpy_modules(ros) | ros2_modules()
         layer = type("ral", (crtk_client.Ros2Ral,), {"_node_of_run": node, "_rclpy": ros})
         own = client_modules(layer, 2)
     specs = {name: PathFinder.find_spec(name, [str(folder), *sys.path]) for name in ROBOT}
@@ -81,6 +93,61 @@ def client_modules(layer: type, edition: Edition = 1) -> dict[str, ModuleType]:
     kdl_names = {name: getattr(kdl, name) for name in kdl.__all__}
     found["PyKDL"] = _module("PyKDL", kdl_names, "Frames, as PyKDL's.")
     return found
+
+
+def ros1_modules(node: Node) -> dict[str, ModuleType]:
+    """Return {name: module} of what scripts for ROS 1 import beside rospy."""
+    bag = type("Bag", (bags.RosBag,), {"now": staticmethod(node.get_rostime)})
+    turns = {name: getattr(transformations, name) for name in transformations.__all__}
+    poses = {name: getattr(posemath, name) for name in posemath.__all__}
+    found = {
+        "cv_bridge": _module("cv_bridge", _cv_bridge(1), "Images as arrays."),
+        "rosbag": _module(
+            "rosbag",
+            {"Bag": bag, "ROSBagException": bags.BagException, "BagMessage": bags.BagMessage},
+            "Bags.",
+        ),
+        "tf": _module("tf", {}, "Transformations; without transforms of topics."),
+        "tf_conversions": _module("tf_conversions", poses, "Poses as frames of PyKDL."),
+        "tf_conversions.posemath": _module("tf_conversions.posemath", poses, "The same."),
+    }
+    for package in ("tf", "tf_conversions"):
+        name = f"{package}.transformations"
+        found[name] = _module(name, turns, "Matrices, quaternions and angles.")
+        found[package].__dict__["transformations"] = found[name]
+    found["tf_conversions"].__dict__["posemath"] = found["tf_conversions.posemath"]
+    return found
+
+
+def ros2_modules() -> dict[str, ModuleType]:
+    """Return {name: module} of what scripts for ROS 2 import beside rclpy."""
+    turns = {name: getattr(transformations, name) for name in transformations.__all__}
+    names = (
+        bags.StorageOptions, bags.ConverterOptions, bags.StorageFilter, bags.TopicMetadata,
+    )  # fmt: skip
+    readers = {
+        "SequentialReader": bags.SequentialBagReader, "SequentialWriter": bags.SequentialBagWriter,
+    }  # fmt: skip
+    utilities = _module("rosidl_runtime_py.utilities", {"get_message": get_message}, "Types.")
+    found = {
+        "cv_bridge": _module("cv_bridge", _cv_bridge(2), "Images as arrays."),
+        "rosbag2_py": _module("rosbag2_py", {**_named(names), **readers}, "Bags."),
+        "rosidl_runtime_py": _module("rosidl_runtime_py", {}, "Types of messages."),
+        "rosidl_runtime_py.utilities": utilities,
+        "tf_transformations": _module("tf_transformations", turns, "Matrices and quaternions."),
+    }
+    found["rosidl_runtime_py"].__dict__["utilities"] = utilities
+    return found
+
+
+def get_message(identifier: str) -> Any:
+    """Return the class of a type such as "sensor_msgs/msg/JointState"."""
+    return message_class(identifier.replace("/msg/", "/"), 2)
+
+
+def _cv_bridge(edition: Edition) -> dict[str, Any]:
+    bridge = type("CvBridge", (image_bridge.ImageBridge,), {"edition": edition})
+    return {"CvBridge": bridge, "CvBridgeError": image_bridge.CvBridgeError}
 
 
 def rclpy_modules(ros: Ros2) -> dict[str, ModuleType]:

@@ -23,6 +23,7 @@ from types import CodeType, FrameType, ModuleType, TracebackType
 from trocar.descriptions import load_rig
 from trocar.errors import InputError, TrocarError
 from trocar.recording import recorder_of
+from trocar.scripts import crtk_client, dvrk_client
 from trocar.scripts.messages import Edition
 from trocar.scripts.modules import MissingPackageError, on_import, script_modules
 from trocar.scripts.ros import Node, ROSInterruptException
@@ -192,9 +193,33 @@ def _print_error(script: Path, problem: BaseException) -> None:
     while tb is not None and tb.tb_frame.f_code.co_filename != str(script):
         tb = tb.tb_next
     traceback.print_exception(type(problem), problem, tb or problem.__traceback__)
+    if _is_older_call(problem):
+        sys.stderr.write(f"trocar: {OLDER}\n")
     source = sys.modules.get(str(getattr(problem, "name", None)))
     if isinstance(problem, ImportError) and getattr(source, "__all__", None) and tb is not None:
         sys.stderr.write(f"{problem.name} has: {', '.join(source.__all__)}\n")  # type: ignore[union-attr]
+
+
+#: Hint at calls of another version.
+OLDER = (
+    "crtk and dvrk are those of dVRK 2.4, whose readings are (value, time) and whose arms take a"
+    " ral first; for a script of 2.3 put its dvrk_python and crtk on PYTHONPATH"
+)
+
+
+def _is_older_call(problem: BaseException) -> bool:
+    """Return whether an error may come of a call that dVRK 2.4 has no longer."""
+    if getattr(sys.modules.get("dvrk"), "__file__", None):
+        return False  # an installed one
+    text, own = str(problem), {**vars(crtk_client), **vars(dvrk_client)}
+    if isinstance(problem, AttributeError):
+        place = type(problem.obj).__module__
+        return place in (crtk_client.__name__, dvrk_client.__name__) or "'tuple' object" in text
+    if not isinstance(problem, TypeError):
+        return False
+    called = own.get(re.split(r"\W", text, maxsplit=1)[0])
+    module = getattr(called, "__module__", "")
+    return "tuple" in text or module in (crtk_client.__name__, dvrk_client.__name__)
 
 
 def script_line(script: Path, tb: TracebackType | None) -> int:

@@ -35,6 +35,9 @@ class Notes:
         self.services: dict[str, object] = {}
         self.loop = SimpleNamespace(world=SimpleNamespace(arms={}))
 
+    def unread(self, names: list[str], peer: str) -> str:
+        return ""
+
 
 @pytest.fixture
 def transport():

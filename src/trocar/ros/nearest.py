@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from difflib import get_close_matches
+from collections.abc import Mapping, Sequence
+from difflib import SequenceMatcher
 
 from trocar.ros.topic import Direction, Topic
 
@@ -62,15 +62,25 @@ def nearest_topic(name: str, topics: Mapping[str, Topic], direction: Direction) 
             same = [one for one in known if one.lower() == former.lower()]
             if same:
                 return same[0]
-    lower = {one.lower(): one for one in known}
-    wanted = _renamed(name).lower()[:200]
+    wanted = _renamed(name)[:200]
     for start in range(1, len(parts)):
-        tail = "/" + "/".join(wanted.split("/")[start:])
-        near = get_close_matches(wanted, [one for one in lower if one.endswith(tail)], 1, 0.0)
-        if near:
-            return lower[near[0]]
-    near = get_close_matches(wanted, lower, 1, SIMILAR)
-    return lower[near[0]] if near else ""
+        tail = "/" + "/".join(wanted.split("/")[start:]).lower()
+        ends = [one for one in known if one.lower().endswith(tail)]
+        if ends:
+            return _closest(wanted, ends, 0.0)
+    return _closest(wanted, known, SIMILAR)
+
+
+def _closest(name: str, known: Sequence[str], least: float) -> str:
+    """Return the first of the most similar names, "" where none is similar enough."""
+    matcher = SequenceMatcher()
+    matcher.set_seq2(name.lower())
+    found = ""
+    for one in known:
+        matcher.set_seq1(one.lower())
+        if matcher.quick_ratio() > least and (ratio := matcher.ratio()) > least:
+            found, least = one, ratio
+    return found
 
 
 def _renamed(name: str) -> str:

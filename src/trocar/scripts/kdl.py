@@ -289,9 +289,8 @@ class KdlSix:
         if len(given) not in (0, 2) or not all(isinstance(one, Vector) for one in given):
             kind = type(self).__name__.removeprefix("Kdl")
             raise TypeError(f"{kind}: got {given!r}; allowed: two Vectors, another {kind}")
-        self.parts = (Vector(*map(float, given[0])), Vector(*map(float, given[1]))) if given else (
-            Vector(), Vector(),
-        )  # fmt: skip
+        first, second = given or (Vector(), Vector())
+        self.parts = Vector(*first), Vector(*second)
 
     @classmethod
     def Zero(cls) -> Any:

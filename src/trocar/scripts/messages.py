@@ -299,8 +299,9 @@ class BuiltinTime(Ros2Message):
         self.sec, self.nanosec = sec, nanosec
 
     def __eq__(self, other: object) -> bool:
-        same = isinstance(other, BuiltinTime) and other._type == self._type
-        return same and (other.sec, other.nanosec) == (self.sec, self.nanosec)
+        if not isinstance(other, BuiltinTime) or other._type != self._type:
+            return False
+        return (other.sec, other.nanosec) == (self.sec, self.nanosec)
 
     __hash__ = Message.__hash__
 
@@ -321,23 +322,31 @@ STAMPS = {"time": BuiltinTime, "duration": BuiltinDuration}
 BuiltinTime._checks = {"sec": operator.index, "nanosec": operator.index}
 
 
-@cache
 def message_class(name: str, edition: Edition = 1) -> type[Message]:
     """Return the class of a type of messages, such as "sensor_msgs/JointState".
 
     Raises:
         UnknownNameError: there is no such type
     """
-    return _class_of(message_type(name), "msg", edition)
+    return _message_class(name, edition)  # the same class, however it is called
 
 
 @cache
+def _message_class(name: str, edition: Edition) -> type[Message]:
+    return _class_of(message_type(name), "msg", edition)
+
+
 def service_class(name: str, edition: Edition = 1) -> type:
     """Return the class of a service; `Request` and `Response` are those of its messages.
 
     Raises:
         UnknownNameError: there is no such type
     """
+    return _service_class(name, edition)
+
+
+@cache
+def _service_class(name: str, edition: Edition) -> type:
     kind: ServiceType = service_type(name)
     package, own = kind.name.split("/")
     request = _class_of(kind.request, "srv", edition)
@@ -401,7 +410,8 @@ def _blank_ros2(field: Field) -> Any:
         return _blank(field)
     if field.type not in CODES:
         return [_blank(field)] * field.length if field.length else []
-    return np.zeros(field.length, CODES[field.type]) if field.length else array(CODES[field.type])
+    code: Any = CODES[field.type]
+    return np.zeros(field.length, code) if field.length else array(code)
 
 
 #: Codes of `array` and numpy for the numbers in sequences.
@@ -505,7 +515,7 @@ def _rich(field: Field, value: Any, edition: Edition) -> Any:
             return array("B", bytes(value))
         return array(CODES[field.type], value)
     if field.type == BYTES:
-        return bytes(value) if isinstance(value, np.ndarray) else value
+        return bytes(cast(Any, value)) if isinstance(value, np.ndarray) else value
     return value.tolist() if isinstance(value, np.ndarray) else list(value)
 
 

@@ -194,7 +194,7 @@ def rclpy_modules(ros: Ros2) -> dict[str, ModuleType]:
         },
         "logging": {
             "get_logger": ros.get_logger, "LoggingSeverity": s.Severity,
-            "set_logger_level": lambda name, level: ros.get_logger(name).set_level(level),
+            "set_logger_level": ros.set_logger_level,
         },
         "node": {"Node": ros.Node},
         "parameter": {"Parameter": ros.Parameter, "ParameterType": s.ParameterType},

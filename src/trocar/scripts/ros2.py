@@ -22,7 +22,7 @@ from trocar.messages.types import SECOND
 from trocar.scripts import ros2_executors as executors
 from trocar.scripts import ros2_settings as settings
 from trocar.scripts.messages import Message, fields_of, message_of
-from trocar.scripts.ros2_time import ClockType, RclClock, RclDuration, RclTime
+from trocar.scripts.ros2_time import RclClock, RclDuration, RclRosClock, RclTime
 from trocar.scripts.simulation import Flow, Subscription
 
 #: A name of a topic, a service or a node. Source: ROS 2, "Topic and Service name mapping to DDS".
@@ -394,7 +394,7 @@ class RclClient:
     def call(self, request: Any, timeout_sec: float | None = None) -> Any:
         """Return the answer, which comes while another thread spins the node."""
         future = self.call_async(request)
-        self.node.wait(lambda: future._done, f"{self.srv_name}: call()", timeout_s=timeout_sec)
+        self.node.wait(lambda: future.finished, f"{self.srv_name}: call()", timeout_s=timeout_sec)
         return future.result()
 
     def ready(self) -> bool:
@@ -890,10 +890,8 @@ class Ros2:
         self.Context: Any = type("Context", (RclContext,), own)
         self.default_context: RclContext = self.Context()
         self._global: Any = None
-        ended = staticmethod(lambda: not self.default_context.valid)
-        self.Clock: Any = type("Clock", (RclClock,), {**own, "ended": ended})
-        begin = {"__init__": lambda clock: RclClock.__init__(clock, clock_type=ClockType.ROS_TIME)}
-        self.ROSClock: Any = type("ROSClock", (self.Clock,), begin)
+        self.Clock: Any = type("Clock", (RclClock,), own)
+        self.ROSClock: Any = type("ROSClock", (RclRosClock,), own)
         self.Logger: Any = type("RcutilsLogger", (settings.RclLogger,), own)
         self.Future: Any = type("Future", (executors.RclFuture,), own)
         self.Task: Any = type("Task", (executors.RclTask,), own)
@@ -982,6 +980,10 @@ class Ros2:
     def get_logger(self, name: str) -> settings.RclLogger:
         """Return the logger of a name."""
         return self._loggers.setdefault(name, self.Logger(name))
+
+    def set_logger_level(self, name: str, level: settings.Severity, **_: Any) -> None:
+        """Set the least severity that a logger shows."""
+        self.get_logger(name).set_level(level)
 
     def wait_for_message(
         self, msg_type: Any, node: RclNode, topic: str, *, qos_profile: Any = 1,

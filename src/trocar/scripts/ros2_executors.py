@@ -75,26 +75,30 @@ class Entity(Protocol):
 
 
 class RclFuture:
-    """A result that is there later."""
+    """A result that is there later.
+
+    Attributes:
+        finished: whether it is there, or cancelled
+    """
 
     flow: ClassVar[Flow]
 
     def __init__(self, *, executor: Any = None) -> None:
-        self._done = self._cancelled = False
+        self.finished = self._cancelled = False
         self._result: Any = None
         self._exception: BaseException | None = None
         self._callbacks: list[Callable[[Any], object]] = []
         self._executor = executor
 
     def __await__(self) -> Generator[Any, None, Any]:
-        while not self._done:
+        while not self.finished:
             yield self
         return self.result()
 
     def done(self) -> bool:
         """Return whether it is there, or cancelled."""
         self.flow.look()
-        return self._done
+        return self.finished
 
     def cancelled(self) -> bool:
         """Return whether it was cancelled."""
@@ -102,7 +106,7 @@ class RclFuture:
 
     def cancel(self) -> None:
         """Give it up."""
-        if not self._done:
+        if not self.finished:
             self._cancelled = True
             self._finish()
 
@@ -128,13 +132,13 @@ class RclFuture:
 
     def add_done_callback(self, callback: Callable[[Any], object]) -> None:
         """Have a function called with the future once it is there."""
-        if self._done:
+        if self.finished:
             callback(self)
         else:
             self._callbacks.append(callback)
 
     def _finish(self) -> None:
-        self._done = True
+        self.finished = True
         callbacks, self._callbacks = self._callbacks, []
         for callback in callbacks:
             callback(self)
@@ -153,8 +157,8 @@ class RclTask(RclFuture):
 
     def ready(self) -> bool:
         """Return whether it can go on."""
-        awaited = getattr(self._awaited, "_done", True)
-        return not self._done and not self._running and awaited
+        awaited = getattr(self._awaited, "finished", True)
+        return not self.finished and not self._running and awaited
 
     def take(self) -> Callable[[], Any]:
         """Return its next part."""
@@ -253,15 +257,15 @@ class SpinExecutor:
     def spin_until_future_complete(self, future: RclFuture, timeout_sec: Any = None) -> None:
         """Run callbacks until a future is there, or some time has passed [s]."""
         end = self._end(timeout_sec)
-        while self.context.ok() and not self._over and not future._done:
+        while self.context.ok() and not self._over and not future.finished:
             left = self._left(end)
             if left is not None and left <= 0.0:
                 return
-            self._spin_once(left, lambda: future._done)
+            self._spin_once(left, lambda: future.finished)
 
     def spin_once_until_future_complete(self, future: RclFuture, timeout_sec: Any = None) -> None:
         """Run one callback, unless a future is there first."""
-        self._spin_once(timeout_sec, lambda: future._done)
+        self._spin_once(timeout_sec, lambda: future.finished)
 
     def _spin_once(self, timeout_s: float | None, enough: Callable[[], bool]) -> None:
         self.spinning += 1
@@ -316,7 +320,7 @@ class SpinExecutor:
         for entity in self._pass:
             if _can_begin(entity):
                 return entity
-        self._tasks = [task for task in self._tasks if not task._done]
+        self._tasks = [task for task in self._tasks if not task.finished]
         self._pass = iter(tuple(self._entities()))
         return next(filter(_can_begin, self._pass), None)
 

@@ -5,7 +5,6 @@ Source of names and behaviour: rclpy's public documentation (ROS 2 Humble and Ja
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from enum import IntEnum
 from functools import total_ordering
 from typing import Any, ClassVar
@@ -142,8 +141,8 @@ class RclClock:
         clock_type: as the times that it gives
     """
 
+    run: ClassVar[Any]
     flow: ClassVar[Flow]
-    ended: ClassVar[Callable[[], bool]]
 
     def __init__(self, *, clock_type: ClockType = ClockType.SYSTEM_TIME) -> None:
         self.clock_type = clock_type
@@ -158,9 +157,16 @@ class RclClock:
         """Wait for a moment; return whether the context was valid all the time."""
         left = (until - self.now()).nanoseconds / SECOND
         if left > 0.0:
-            self.flow.wait(type(self).ended, left)
-        return not type(self).ended()
+            self.flow.wait(lambda: not self.run.default_context.valid, left)
+        return self.run.default_context.valid
 
     def sleep_for(self, rel_time: RclDuration, context: Any = None) -> bool:
         """Let some time pass; return whether the context was valid all the time."""
         return self.sleep_until(self.now() + rel_time, context)
+
+
+class RclRosClock(RclClock):
+    """The clock of a node."""
+
+    def __init__(self) -> None:
+        super().__init__(clock_type=ClockType.ROS_TIME)

@@ -213,8 +213,9 @@ def _is_older_call(problem: BaseException) -> bool:
         return False  # an installed one
     text, own = str(problem), {**vars(crtk_client), **vars(dvrk_client)}
     if isinstance(problem, AttributeError):
-        place = type(problem.obj).__module__
-        return place in (crtk_client.__name__, dvrk_client.__name__) or "'tuple' object" in text
+        places = {kind.__module__ for kind in type(problem.obj).__mro__}
+        own_places = {crtk_client.__name__, dvrk_client.__name__}
+        return bool(places & own_places) or "'tuple' object" in text
     if not isinstance(problem, TypeError):
         return False
     called = own.get(re.split(r"\W", text, maxsplit=1)[0])
@@ -359,9 +360,9 @@ def edition_of(script: Path) -> Edition:
     Where it imports those of both or of none, ROS_VERSION counts, else it is 1.
     """
     found = _packages(script, set())
-    editions = [edition for edition, names in EDITIONS.items() if names & found]
-    if len(editions) == 1:
-        return editions[0]
+    first, second = (bool(names & found) for names in EDITIONS.values())
+    if first != second:
+        return 2 if second else 1
     return 2 if os.environ.get("ROS_VERSION") == "2" else 1
 
 

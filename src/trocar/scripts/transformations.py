@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation as Turn
+from scipy.spatial.transform import Rotation  # pyright: ignore[reportMissingTypeStubs]  none exist
 
 Array = NDArray[np.float64]
+Turn: Any = Rotation
 
 __all__ = [
     "compose_matrix", "concatenate_matrices", "euler_from_matrix", "euler_from_quaternion",
@@ -80,7 +81,7 @@ def rotation_from_matrix(matrix: Any) -> tuple[float, Array, Array]:
 
 def inverse_matrix(matrix: Any) -> Array:
     """Return the inverse of a matrix."""
-    return np.linalg.inv(np.asarray(matrix, dtype=np.float64))
+    return np.asarray(np.linalg.inv(np.asarray(matrix, dtype=np.float64)), dtype=np.float64)
 
 
 def concatenate_matrices(*matrices: Any) -> Array:

@@ -200,9 +200,7 @@ def test_a_script_that_does_nothing_for_ever_is_ended(tmp_path: Path):
         play(tmp_path, "while True: pass", timeout_s=0.3)
 
 
-@pytest.mark.parametrize(
-    "module", ["tf2_ros", "message_filters", "moveit_commander", "nav_msgs.msg"]
-)
+@pytest.mark.parametrize("module", ["tf2_ros", "actionlib", "moveit_commander", "moveit_msgs.msg"])
 def test_a_part_of_ros_that_is_missing_is_named(tmp_path: Path, module: str):
     with pytest.raises(InputError, match=r"script\.py: line 2: needs the ROS package") as told:
         play(tmp_path, f"import sys\nimport {module}\n")

@@ -9,7 +9,7 @@ Source of names and behaviour: the public documentation of rosbag (ROS 1 Noetic)
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
@@ -65,7 +65,7 @@ class RosBag:
         mode: "r" to read, "w" to write
     """
 
-    now: ClassVar[Callable[[], Time]]
+    now: ClassVar[Any]
 
     def __init__(self, f: Any, mode: str = "r", *_: Any, **__: Any) -> None:
         self.filename, self.mode = str(getattr(f, "name", f)), mode

@@ -289,7 +289,8 @@ class KdlSix:
         if len(given) not in (0, 2) or not all(isinstance(one, Vector) for one in given):
             kind = type(self).__name__.removeprefix("Kdl")
             raise TypeError(f"{kind}: got {given!r}; allowed: two Vectors, another {kind}")
-        first, second = given or (Vector(), Vector())
+        parts: tuple[Any, ...] = given or (Vector(), Vector())
+        first, second = parts
         self.parts = Vector(*first), Vector(*second)
 
     @classmethod

@@ -18,8 +18,9 @@ from typing import Any, ClassVar, Literal, Self, cast
 
 import numpy as np
 
-from trocar.messages import Field, MessageType, ServiceType, message_type, service_type
+from trocar.messages import Field, MessageType, ServiceType, service_type
 from trocar.messages.types import SCALARS, SECOND
+from trocar.scripts.more_types import script_type
 
 #: Edition of ROS that a script is written for.
 Edition = Literal[1, 2]
@@ -333,7 +334,7 @@ def message_class(name: str, edition: Edition = 1) -> type[Message]:
 
 @cache
 def _message_class(name: str, edition: Edition) -> type[Message]:
-    return _class_of(message_type(name), "msg", edition)
+    return _class_of(script_type(name), "msg", edition)
 
 
 def service_class(name: str, edition: Edition = 1) -> type:
@@ -410,8 +411,8 @@ def _blank_ros2(field: Field) -> Any:
         return _blank(field)
     if field.type not in CODES:
         return [_blank(field)] * field.length if field.length else []
-    code: Any = CODES[field.type]
-    return np.zeros(field.length, code) if field.length else array(code)
+    code = CODES[field.type]
+    return np.zeros(field.length, code) if field.length else cast(Any, array)(code)
 
 
 #: Codes of `array` and numpy for the numbers in sequences.

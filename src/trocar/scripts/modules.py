@@ -6,14 +6,14 @@ import importlib.util
 import os
 import re
 import sys
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from trocar.messages import message_names, service_names
+from trocar.messages import service_names
 from trocar.messages.types import SECOND
 from trocar.scripts import (
     bags,
@@ -21,6 +21,7 @@ from trocar.scripts import (
     dvrk_client,
     image_bridge,
     kdl,
+    message_filters,
     posemath,
     ros2,
     ros2_executors,
@@ -34,6 +35,7 @@ from trocar.scripts.messages import (
     message_class,
     service_class,
 )
+from trocar.scripts.more_types import script_names
 from trocar.scripts.ros import Node, own_arguments
 from trocar.scripts.ros2 import Ros2
 from trocar.scripts.ros2_time import ClockType
@@ -65,7 +67,7 @@ def script_modules(node: Node, folder: Path, ros: Ros2 | None = None) -> dict[st
         found |= ros1_modules(node)
         own = client_modules(type("ral", (crtk_client.ral,), {"_node_of_run": node}))
     else:
-        found = message_modules(2) | rclpy_modules(ros) | ros2_modules()
+        found = message_modules(2) | rclpy_modules(ros) | ros2_modules(ros)
         layer = type("ral", (crtk_client.Ros2Ral,), {"_node_of_run": node, "_rclpy": ros})
         own = client_modules(layer, 2)
     specs = {name: PathFinder.find_spec(name, [str(folder), *sys.path]) for name in ROBOT}
@@ -99,9 +101,11 @@ def ros1_modules(node: Node) -> dict[str, ModuleType]:
     """Return {name: module} of what scripts for ROS 1 import beside rospy."""
     bag = type("Bag", (bags.RosBag,), {"now": staticmethod(node.get_rostime)})
     turns = {name: getattr(transformations, name) for name in transformations.__all__}
+    topic = type("Subscriber", (message_filters.TopicFilter,), {"subscriber": node.Subscriber})
     poses = {name: getattr(posemath, name) for name in posemath.__all__}
     found = {
         "cv_bridge": _module("cv_bridge", _cv_bridge(1), "Images as arrays."),
+        "message_filters": _message_filters(topic, node.flow.now_ns),
         "rosbag": _module(
             "rosbag",
             {"Bag": bag, "ROSBagException": bags.BagException, "BagMessage": bags.BagMessage},
@@ -119,7 +123,7 @@ def ros1_modules(node: Node) -> dict[str, ModuleType]:
     return found
 
 
-def ros2_modules() -> dict[str, ModuleType]:
+def ros2_modules(ros: Ros2) -> dict[str, ModuleType]:
     """Return {name: module} of what scripts for ROS 2 import beside rclpy."""
     turns = {name: getattr(transformations, name) for name in transformations.__all__}
     names = (
@@ -131,6 +135,7 @@ def ros2_modules() -> dict[str, ModuleType]:
     utilities = _module("rosidl_runtime_py.utilities", {"get_message": get_message}, "Types.")
     found = {
         "cv_bridge": _module("cv_bridge", _cv_bridge(2), "Images as arrays."),
+        "message_filters": _message_filters(message_filters.NodeTopicFilter, ros.flow.now_ns),
         "rosbag2_py": _module("rosbag2_py", {**_named(names), **readers}, "Bags."),
         "rosidl_runtime_py": _module("rosidl_runtime_py", {}, "Types of messages."),
         "rosidl_runtime_py.utilities": utilities,
@@ -143,6 +148,17 @@ def ros2_modules() -> dict[str, ModuleType]:
 def get_message(identifier: str) -> Any:
     """Return the class of a type such as "sensor_msgs/msg/JointState"."""
     return message_class(identifier.replace("/msg/", "/"), 2)
+
+
+def _message_filters(topic: type, now_ns: Callable[[], int]) -> ModuleType:
+    near = message_filters.ApproximateTimeSynchronizer
+    names = {
+        "Subscriber": topic,
+        "SimpleFilter": message_filters.SimpleFilter,
+        "TimeSynchronizer": message_filters.TimeSynchronizer,
+        near.__name__: type(near.__name__, (near,), {"now_ns": staticmethod(now_ns)}),
+    }
+    return _module("message_filters", names, "Messages that belong together.")
 
 
 def _cv_bridge(edition: Edition) -> dict[str, Any]:
@@ -248,7 +264,7 @@ def _named(classes: Sequence[type]) -> dict[str, Any]:
 def message_modules(edition: Edition = 1) -> dict[str, ModuleType]:
     """Return {package and its .msg and .srv: module} of every message that trocar speaks."""
     kinds: dict[str, dict[str, Any]] = {}
-    for name in message_names():
+    for name in script_names():
         package, own = name.split("/")
         kinds.setdefault(f"{package}.msg", {})[own] = message_class(name, edition)
     for name in service_names():

@@ -125,7 +125,15 @@ def _compiled(script: Path) -> CodeType:
     except (OSError, ValueError) as problem:
         raise InputError(f"{script}: cannot be read: {problem}") from problem
     except SyntaxError as problem:
-        raise InputError(f"{script}: line {problem.lineno}: {problem.msg}") from problem
+        raise InputError(f"{script}: {_wrong_line(problem)}") from problem
+
+
+def _wrong_line(problem: SyntaxError) -> str:
+    """Return where a script cannot be read, and a hint at a script for Python 2."""
+    text = str(problem.msg)
+    older = "print" in text or "exec" in text or "inconsistent use of tabs" in text
+    hint = "; a script for Python 2 has to be converted first (2to3 -w)" if older else ""
+    return f"line {problem.lineno}: {text}{hint}"
 
 
 def _execute(
@@ -378,7 +386,8 @@ def _packages(script: Path, seen: set[Path]) -> set[str]:
     for name in tuple(found):
         beside = script.parent / f"{name}.py"
         if beside not in seen and beside.is_file():
-            found |= _packages(beside, seen)
+            with suppress(InputError):  # it may never be imported
+                found |= _packages(beside, seen)
     return found
 
 
@@ -423,7 +432,9 @@ def rig_for(source: bytes, arguments: Sequence[str]) -> str:
 def _tree(source: bytes) -> ast.AST:
     try:
         return ast.parse(source)
-    except (SyntaxError, ValueError) as problem:
+    except SyntaxError as problem:
+        raise InputError(f"cannot read the script: {_wrong_line(problem)}") from problem
+    except ValueError as problem:
         raise InputError(f"cannot read the script: {problem}") from problem
 
 

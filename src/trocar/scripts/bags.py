@@ -11,10 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from errno import ENOENT
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
-from trocar.errors import UnknownNameError
+from trocar.errors import LogError, UnknownNameError
 from trocar.messages import cdr_decode, ros1_decode, ros1_encode
 from trocar.messages.types import SECOND
 from trocar.recording.bags import BagWriter, Packed, open_bag
@@ -77,7 +78,12 @@ class RosBag:
             Path(self.filename).unlink(missing_ok=True)  # as rosbag does
             self._writer = BagWriter(self.filename, "rosbag1")
         else:
-            self._bag = open_bag(self.filename)
+            if not Path(self.filename).exists():
+                raise FileNotFoundError(ENOENT, "No such file or directory", self.filename)
+            try:
+                self._bag = open_bag(self.filename)
+            except LogError as problem:
+                raise BagException(str(problem)) from problem
 
     def __enter__(self) -> RosBag:
         return self

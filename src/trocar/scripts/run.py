@@ -143,6 +143,8 @@ def _execute(
     main.__file__ = str(script)
     sys.modules["__main__"] = main
     sys.argv[:] = [str(script), *arguments]
+    if ros is None:
+        node.remap(sys.argv)
     try:
         exec(code, main.__dict__)
         _join(node.flow)

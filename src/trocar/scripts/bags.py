@@ -182,7 +182,7 @@ def _decoded(kind: str, data: bytes) -> Any:
 
 @dataclass
 class StorageOptions:
-    """Where a bag of ROS 2 lies: path, and "sqlite3" or "mcap"."""
+    """Path and storage ("sqlite3" or "mcap") of a bag of ROS 2."""
 
     uri: str = ""
     storage_id: str = ""

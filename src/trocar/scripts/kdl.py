@@ -502,7 +502,7 @@ def dot(a: Any, b: Any) -> float:
 
 
 def diff(a: Any, b: Any, dt: float = 1.0) -> Any:
-    """Return what leads from a to b in some time [s].
+    """Return the change from a to b per time [s].
 
     Of vectors and rotations a vector, of frames a twist, of twists a twist; in the axes that a and
     b are in.

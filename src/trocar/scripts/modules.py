@@ -170,7 +170,7 @@ def rclpy_modules(ros: Ros2) -> dict[str, ModuleType]:
     """Return {name: module} of rclpy and what comes with it."""
     s, e = ros2_settings, ros2_executors
     errors = (
-        ros2.ROSInterruptException, ros2.NotInitializedException, ros2.InvalidTopicNameException,
+        ros2.RclInterruptException, ros2.NotInitializedException, ros2.InvalidTopicNameException,
         ros2.ParameterNotDeclaredException, ros2.ParameterAlreadyDeclaredException,
     )  # fmt: skip
     ends = (e.ExternalShutdownException, e.ShutdownException, e.TimeoutException)
@@ -200,7 +200,8 @@ def rclpy_modules(ros: Ros2) -> dict[str, ModuleType]:
         "context": {"Context": ros.Context},
         "duration": {"Duration": ros.Duration},
         "exceptions": {
-            **_named(errors), "InvalidServiceNameException": ros2.InvalidTopicNameException,
+            **_named(errors), "ROSInterruptException": ros2.RclInterruptException,
+            "InvalidServiceNameException": ros2.InvalidTopicNameException,
         },
         "executors": {
             **_named(ends), "Executor": ros.Executor,

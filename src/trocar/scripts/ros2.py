@@ -31,7 +31,7 @@ NAME = re.compile(r"(~/|/)?[A-Za-z_]\w*(/[A-Za-z_]\w*)*")
 PATIENCE_S = 1.0
 
 
-class ROSInterruptException(Exception):  # noqa: N818  as scripts call it
+class RclInterruptException(Exception):  # noqa: N818  as scripts call it
     """The context was shut down while a rate or a clock waited."""
 
 
@@ -52,7 +52,7 @@ class ParameterAlreadyDeclaredException(Exception):  # noqa: N818  as scripts ca
 
 
 class RclContext:
-    """What `init` makes valid and `shutdown` ends.
+    """Period of a script between `init` and `shutdown`.
 
     Attributes:
         valid: whether it was initialised, and not shut down
@@ -190,12 +190,12 @@ class SpinRate:
         """Wait for the next turn.
 
         Raises:
-            ROSInterruptException: the context was shut down
+            RclInterruptException: the context was shut down
         """
         before = self._count
         self._node.wait(lambda: self._count != before, "rate.sleep()", self._timer)
         if self._count == before:
-            raise ROSInterruptException
+            raise RclInterruptException
 
     def destroy(self) -> None:
         """End it."""
@@ -402,7 +402,7 @@ class RclClient:
         return bool(self._answers)
 
     def take(self) -> Callable[[], Any]:
-        """Return what hands the oldest answer over."""
+        """Return a call that completes the oldest future."""
         return self._answers.popleft()
 
     def destroy(self) -> None:
@@ -481,7 +481,7 @@ class RclNode:
     # ------------------------------------------------------------------ for executors
 
     def entities(self) -> Iterator[Any]:
-        """Yield what an executor works on: timers first."""
+        """Yield the work of an executor: timers first."""
         for kind in (self._timers, self._subscriptions, self._clients, self._services):
             yield from tuple(kind)
 

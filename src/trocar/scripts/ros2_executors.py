@@ -61,7 +61,7 @@ class MutuallyExclusiveCallbackGroup(CallbackGroup):
 
 
 class Entity(Protocol):
-    """What an executor works on: a timer, a subscription, a client, a service, a task."""
+    """Work of an executor: a timer, a subscription, a client, a service, a task."""
 
     callback_group: CallbackGroup
 
@@ -70,7 +70,7 @@ class Entity(Protocol):
         ...
 
     def take(self) -> Callable[[], Any]:
-        """Return what is to be done, and count it as begun."""
+        """Return the next call, and count it as begun."""
         ...
 
 
@@ -287,7 +287,7 @@ class SpinExecutor:
     def _wait(
         self, timeout_s: float | None, enough: Callable[[], bool]
     ) -> tuple[Entity, Callable[[], Any]] | None:
-        """Wait for work, and begin it; return None where there is none in time.
+        """Wait for work, and begin it; return None if nothing is ready in time.
 
         Raises:
             ExternalShutdownException: the context was shut down meanwhile
@@ -316,7 +316,7 @@ class SpinExecutor:
             self.flow.wait(over, max(0.0, min(waits)) if waits else None)
 
     def _next(self) -> Entity | None:
-        """Return what is ready: each once, before the first comes again."""
+        """Return the next ready entity: each once, before the first comes again."""
         for entity in self._pass:
             if _can_begin(entity):
                 return entity

@@ -213,7 +213,7 @@ def value_of(text: str) -> Any:
 
 @dataclass
 class RosArguments:
-    """What stands after --ros-args on a command line.
+    """Words after --ros-args on a command line.
 
     Attributes:
         parameters: {name: value}

@@ -129,7 +129,7 @@ def _compiled(script: Path) -> CodeType:
 
 
 def _wrong_line(problem: SyntaxError) -> str:
-    """Return where a script cannot be read, and a hint at a script for Python 2."""
+    """Return line and cause of a syntax error, and a hint at a script for Python 2."""
     text = str(problem.msg)
     older = "print" in text or "exec" in text or "inconsistent use of tabs" in text
     hint = "; a script for Python 2 has to be converted first (2to3 -w)" if older else ""

@@ -160,3 +160,40 @@ def test_poses_of_messages_tf_and_matrices_are_the_same_frame(tmp_path: Path):
     assert pm.fromTf(((1, 2, 3), quaternion_from_euler(0.1, 0.2, 0.3))) == frame
     """
     assert play(tmp_path, text).status == 0
+
+
+@pytest.mark.parametrize("edition", [1, 2])
+def test_messages_that_belong_together_come_together(tmp_path: Path, edition: int):
+    head = {
+        1: """
+    import rospy, message_filters
+    rospy.init_node("pairs")
+    make = lambda name: message_filters.Subscriber(name, JointState)
+    wait = lambda: rospy.sleep(1.0)
+    """,
+        2: """
+    import rclpy, message_filters, time
+    rclpy.init()
+    node = rclpy.create_node("pairs")
+    make = lambda name: message_filters.Subscriber(node, JointState, name)
+    def wait():
+        end = time.time() + 1.0
+        while time.time() < end:
+            rclpy.spin_once(node, timeout_sec=0.01)
+    """,
+    }[edition]
+    text = f"""
+    from sensor_msgs.msg import JointState{head}
+    names = ("/PSM1/measured_js", "/PSM1/setpoint_js", "/PSM1/jaw/measured_js")
+    exact = message_filters.TimeSynchronizer([make(name) for name in names], 10)
+    near = message_filters.ApproximateTimeSynchronizer([make(name) for name in names], 10, 0.005)
+    sets, many = [], []
+    exact.registerCallback(lambda *messages: sets.append(messages))
+    near.registerCallback(lambda *messages: many.append(messages[:-1]), "extra")
+    wait()
+    assert 90 <= len(sets) <= 102 and 90 <= len(many) <= 102, (len(sets), len(many))
+    for measured, setpoint, jaw in sets:
+        assert measured.header.stamp == setpoint.header.stamp == jaw.header.stamp
+        assert len(measured.position) == 6 and len(jaw.position) == 1
+    """
+    assert play(tmp_path, text).status == 0

@@ -9,10 +9,11 @@ import pytest
 from tests.scripts.playing import play
 from trocar.errors import InputError
 from trocar.messages import blank, cdr_encode, message_names
-from trocar.scripts import Live, run_script
+from trocar.scripts import Live, Stepped, run_script
 from trocar.scripts.messages import fields_of, message_class, message_of
 from trocar.scripts.run import edition_of
 from trocar.simulation import World
+from trocar.teleoperation import components
 
 NODE = """
     import rclpy
@@ -412,3 +413,14 @@ def test_imports_choose_the_edition_of_ros(
 def test_a_script_for_ros_2_has_no_rospy(tmp_path: Path):
     with pytest.raises(InputError, match=r"line 2: needs the ROS package 'tf2_ros'.*rclpy"):
         play(tmp_path, "import rclpy\nimport tf2_ros\n")
+
+
+def test_the_example_of_the_page_says_what_the_page_says(capsys: pytest.CaptureFixture[str]):
+    root = Path(__file__).parents[2]
+    script = root / "examples" / "scripts" / "follow.py"
+    words = ("--ros-args", "-p", "radius:=0.02")
+    flow = Stepped(World("psm"), 60.0, components, rate_hz=100.0)
+    assert run_script(script, words, flow, 60.0).status == 0
+    said = capsys.readouterr().out.splitlines()[-1]
+    assert said.startswith("two turns of 20 mm, at most 3.")
+    assert "two turns of 20 mm, at most 3." in (root / "docs" / "scripts.md").read_text("utf-8")

@@ -34,6 +34,8 @@ def script(tmp_path: Path) -> str:
         ("--speed max", "--rig psm -- --rig ecm", ["--rig", "ecm"]),
         ("--speed max --rig psm", "--help", ["--help"]),
         ("--speed max --rig psm", "", []),
+        ("--speed max --rig psm --no-cameras", "-a PSM1", ["-a", "PSM1"]),
+        ("--speed max --rig ecm --no-shadows --camera-rate 20", "-a ECM", ["-a", "ECM"]),
     ],
 )
 def test_the_first_word_that_is_no_option_is_the_scripts(

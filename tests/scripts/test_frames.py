@@ -8,7 +8,17 @@ import numpy as np
 import pytest
 
 from trocar.geometry.rotations import matrix_from_quaternion, matrix_from_rpy
-from trocar.scripts.kdl import Equal, KdlFrame, Rotation, Vector, dot
+from trocar.scripts.kdl import (
+    Equal,
+    KdlFrame,
+    KdlTwist,
+    KdlWrench,
+    Rotation,
+    Vector,
+    addDelta,
+    diff,
+    dot,
+)
 
 RNG = np.random.default_rng(5)
 
@@ -110,3 +120,59 @@ def test_what_is_no_frame_is_refused():
         KdlFrame(3.0)
     with pytest.raises(TypeError, match="allowed: none, 9, or 3 vectors"):
         Rotation(1.0, 2.0)
+
+
+def test_what_leads_from_one_to_another_leads_there():
+    for _ in range(20):
+        a, b = some_frame(), some_frame()
+        assert Equal(addDelta(a, diff(a, b)), b, 1e-9)
+        assert Equal(addDelta(a, diff(a, b, 0.1), 0.1), b, 1e-9)
+        assert Equal(addDelta(a.M, diff(a.M, b.M)), b.M, 1e-9)
+        assert Equal(addDelta(a.p, diff(a.p, b.p)), b.p, 1e-12)
+        assert Equal(diff(a, a), KdlTwist(), 1e-12)
+
+
+def test_power_is_the_same_in_every_frame_and_at_every_point():
+    def six(kind: type) -> KdlTwist | KdlWrench:
+        return kind(Vector(*RNG.normal(size=3)), Vector(*RNG.normal(size=3)))
+
+    for _ in range(20):
+        T, twist, wrench = some_frame(), six(KdlTwist), six(KdlWrench)
+        power, point = dot(twist, wrench), Vector(*RNG.normal(size=3))
+        assert dot(T * twist, T * wrench) == pytest.approx(power)
+        assert dot(T.M * twist, T.M * wrench) == pytest.approx(power)
+        assert dot(twist.RefPoint(point), wrench.RefPoint(point)) == pytest.approx(power)
+        assert Equal(twist + -twist, KdlTwist.Zero(), 1e-12)
+        assert Equal(2.0 * twist - twist / 0.5, KdlTwist(), 1e-12)
+    twist.vel = Vector(1.0, 2.0, 3.0)
+    twist[5] = 9.0
+    assert [twist[k] for k in (0, 2, 5)] == [1.0, 3.0, 9.0]
+    with pytest.raises(TypeError, match="two Vectors"):
+        KdlTwist(1.0)
+
+
+def test_a_twist_integrated_over_small_periods_is_a_screw():
+    twist = KdlTwist(Vector(0.0, 0.0, 0.02), Vector(0.0, 0.0, 0.5))
+    frame = KdlFrame(Rotation.RotX(0.3), Vector(1.0, 0.0, 0.0))
+    begun = KdlFrame(frame)
+    for _ in range(100):
+        frame.Integrate(twist, 50.0)
+    assert Equal(frame, begun * KdlFrame(Rotation.RotZ(1.0), Vector(0.0, 0.0, 0.04)), 1e-9)
+
+
+def test_links_by_dh_and_euler_angles_come_back():
+    for _ in range(20):
+        a, alpha, d, theta = RNG.normal(size=4)
+        standard = KdlFrame(Rotation.RotZ(theta), Vector(0, 0, d)) * KdlFrame(
+            Rotation.RotX(alpha), Vector(a, 0, 0)
+        )
+        assert Equal(KdlFrame.DH(a, alpha, d, theta), standard, 1e-12)
+        modified = KdlFrame(Rotation.RotX(alpha), Vector(a, 0, 0)) * KdlFrame(
+            Rotation.RotZ(theta), Vector(0, 0, d)
+        )
+        assert Equal(KdlFrame.DH_Craig1989(a, alpha, d, theta), modified, 1e-12)
+        turned = some_frame().M
+        assert Equal(Rotation.EulerZYZ(*turned.GetEulerZYZ()), turned, 1e-9)
+    for beta in (0.0, math.pi):
+        turned = Rotation.EulerZYZ(0.4, beta, 0.3)
+        assert Equal(Rotation.EulerZYZ(*turned.GetEulerZYZ()), turned, 1e-9)

@@ -200,12 +200,12 @@ def test_a_script_that_does_nothing_for_ever_is_ended(tmp_path: Path):
         play(tmp_path, "while True: pass", timeout_s=0.3)
 
 
-@pytest.mark.parametrize("module", ["tf2_ros", "rclpy", "moveit_commander", "nav_msgs.msg"])
+@pytest.mark.parametrize("module", ["tf2_ros", "actionlib", "moveit_commander", "moveit_msgs.msg"])
 def test_a_part_of_ros_that_is_missing_is_named(tmp_path: Path, module: str):
     with pytest.raises(InputError, match=r"script\.py: line 2: needs the ROS package") as told:
         play(tmp_path, f"import sys\nimport {module}\n")
     assert repr(module.split(".")[0]) in str(told.value)
-    assert "crtk, crtk_msgs, dvrk" in str(told.value)
+    assert "crtk, crtk_msgs, cv_bridge, dvrk" in str(told.value)
 
 
 def test_a_script_may_do_without_a_part_of_ros(tmp_path: Path):
@@ -216,7 +216,7 @@ def test_a_script_may_do_without_a_part_of_ros(tmp_path: Path):
 def test_a_message_that_is_missing_is_told_with_those_that_are_there(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):  # fmt: skip
-    assert play(tmp_path, "from geometry_msgs.msg import Polygon").status == 1
+    assert play(tmp_path, "from geometry_msgs.msg import Nothing").status == 1
     assert "geometry_msgs.msg has: Point, " in capsys.readouterr().err
 
 
@@ -284,6 +284,24 @@ def test_a_script_may_use_rospy_itself(tmp_path: Path, capsys: pytest.CaptureFix
     said = capsys.readouterr()
     assert said.out.splitlines()[1:] == ["bye", "interrupted"]
     assert said.out.startswith("[INFO] [") and said.err.count("twice") == 1
+
+
+def test_names_of_the_command_line_replace_those_of_the_script(tmp_path: Path):
+    text = """
+    import rospy, sys
+    from sensor_msgs.msg import JointState
+    rospy.init_node("any")
+    assert rospy.wait_for_message("/robot/joints", JointState, timeout=1).position
+    assert rospy.resolve_name("/robot/joints") == "/PSM1/measured_js"
+    assert rospy.get_param("~gain") == 2.5 and rospy.myargv()[1:] == ["plain"]
+    """
+    words = ("plain", "/robot/joints:=/PSM1/measured_js", "_gain:=2.5")
+    assert play(tmp_path, text, arguments=words).status == 0
+
+
+def test_a_script_for_python_2_is_named(tmp_path: Path):
+    with pytest.raises(InputError, match=r"script\.py: line 1: .*2to3"):
+        play(tmp_path, "print 'hello'\n")
 
 
 def test_a_sleep_after_the_end_is_an_error_of_the_script(

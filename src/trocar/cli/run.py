@@ -19,11 +19,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from trocar.cli.arguments import Parser, add_port, allow, allow_overwrite, options
-from trocar.cli.worlds import add_record, add_world, make_world, recording
+from trocar.cli.worlds import (
+    add_cameras,
+    add_record,
+    add_world,
+    make_world,
+    open_pictures,
+    recording,
+)
 from trocar.errors import InputError, TrocarError
 
 if TYPE_CHECKING:
     from trocar.live import Loop
+    from trocar.live.images import Pictures
     from trocar.scripts import Flow
     from trocar.simulation import World
 
@@ -33,7 +41,9 @@ ORDER = 30
 #: Publication rate of states [Hz]. Source: dVRK 2.4, system_ROS publishes every 10 ms.
 RATE_HZ = 100.0
 #: Options without a value.
-FLAGS = ("-h", "--help", "--page", "--overwrite")
+FLAGS = (
+    "-h", "--help", "--page", "--overwrite", "--no-cameras", "--distortion", "--no-shadows"
+)  # fmt: skip
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -64,9 +74,12 @@ def _add_options(parser: ArgumentParser) -> None:
                                          wall time without progress
         --rate HZ:number = {RATE_HZ}     publication rate of states (default: {RATE_HZ:g}, as on the
                                          dVRK; at most 1000)
+        --ros-version 1|2                edition of ROS that the script is written for: rospy or
+                                         rclpy (default: by its imports, else ROS_VERSION, else 1)
     """)  # fmt: skip
     add_world(parser, None, "the smallest with the script's arms")
     add_record(parser)
+    add_cameras(parser.add_argument_group("cameras"))
     viewer = parser.add_argument_group("web viewer")
     options(viewer, """
         --page  serve the web viewer
@@ -93,8 +106,9 @@ def run(args: Namespace) -> int:
     world = make_world(args)
     page = ScriptPage(world, args.port) if args.page else None
     flow, linger = _flow(world, args, page), page and page.linger
+    edition = None if args.ros_version is None else 2 if args.ros_version == "2" else 1
     with nullcontext() if isinstance(flow, Live) else recording(world, args)():
-        outcome = run_script(script.absolute(), args.arguments, flow, args.timeout, linger)
+        outcome = run_script(script.absolute(), args.arguments, flow, args.timeout, linger, edition)
     if isinstance(flow, Live):
         flow.loop.wait()  # raises what went wrong at its end, as with the recording's last chunk
     sys.stdout.flush()
@@ -112,10 +126,16 @@ def _flow(world: World, args: Namespace, page: ScriptPage | None) -> Flow:
     from trocar.scripts import Live, Stepped
     from trocar.teleoperation import components
 
+    def draw(loop: Loop) -> Pictures | None:
+        return open_pictures(loop, args, stepped=args.speed == "max")
+
+    rates: dict[str, float] = {"rate_hz": args.rate}
+    if args.camera_rate is not None:
+        rates["camera_rate_hz"] = args.camera_rate
     if args.speed == "max":
-        return Stepped(world, args.timeout, components, rate_hz=args.rate)
+        return Stepped(world, args.timeout, components, draw, **rates)
     begin = Loop.start if page is None else page.begin
-    live = Live(world, begin, components, rate_hz=args.rate)
+    live = Live(world, begin, components, draw, **rates)
     live.loop.while_running = recording(world, args)
     return live
 

@@ -215,8 +215,13 @@ def changed_look(args: Namespace) -> dict[str, object]:
     return {**changed, "style": look.style} if args.look else changed
 
 
-def open_pictures(loop: Loop, args: Namespace) -> Pictures | None:
+def open_pictures(loop: Loop, args: Namespace, *, stepped: bool = False) -> Pictures | None:
     """Return the image source of a loop's cameras; None: no cameras.
+
+    Args:
+        loop: of the world
+        args: with the options of `add_cameras`
+        stepped: the loop is stepped by its script, and waits for each image
 
     Raises:
         UnknownNameError: unknown preset
@@ -231,15 +236,17 @@ def open_pictures(loop: Loop, args: Namespace) -> Pictures | None:
         return None
     from trocar.descriptions.cameras import load_camera
     from trocar.live.images import RATE_HZ, Pictures
+    from trocar.rendering.latest_only import InTurn, LatestOnly
 
     eyes = {} if args.preset is None else {scopes[0]: load_camera(eyes_of(args.preset))}
     rate = RATE_HZ if args.camera_rate is None else args.camera_rate
     look = look_of(args)
 
     def renderer() -> ImageRenderer:
-        return _series(look, lambda ask: loop.ask(ask).result())
+        return _series(look, lambda ask: ask(loop.world) if stepped else loop.ask(ask).result())
 
-    return Pictures(loop, renderer, rate, args.image_format, eyes)
+    worker = InTurn if stepped else LatestOnly
+    return Pictures(loop, renderer, rate, args.image_format, eyes, worker)
 
 
 def _series(look: Look, ask: Callable[[Callable[[World], Shapes]], Shapes]) -> Series:

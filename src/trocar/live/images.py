@@ -30,7 +30,7 @@ from PIL import Image
 from trocar.errors import InputError, OvertakenError, TrocarError, UnknownNameError
 from trocar.live.loop import Loop
 from trocar.live.state import PATIENT, Elapsed
-from trocar.rendering.latest_only import LatestOnly
+from trocar.rendering.latest_only import InTurn, LatestOnly
 
 if TYPE_CHECKING:
     from trocar.cameras.records import Calibration
@@ -310,6 +310,7 @@ class Pictures:
         rate_hz: pictures a second, above 0
         format: of packed pictures, "jpeg" or "png"
         calibrations: {camera: calibration in place of the rig's}
+        worker: draws; `InTurn` where the simulation is to wait for each picture
 
     Attributes:
         led: whether a publisher sets the times, by `shoot`; otherwise every 1 / rate_hz
@@ -325,6 +326,7 @@ class Pictures:
         rate_hz: float = RATE_HZ,
         format: str = "jpeg",  # noqa: A002  the word of sensor_msgs
         calibrations: Mapping[str, Calibration] | None = None,
+        worker: type[LatestOnly[Order]] | type[InTurn[Order]] = LatestOnly,
     ) -> None:
         if not 0.0 < rate_hz < float("inf"):
             raise InputError(f"camera rate: got {rate_hz:g} Hz; allowed: above 0")
@@ -332,7 +334,7 @@ class Pictures:
         self._packer = Packer(format)
         self._calibrations = dict(calibrations or {})
         self._clients: tuple[PictureClient, ...] = ()
-        self._worker = LatestOnly(self._draw, "trocar-pictures", self._end)
+        self._worker = worker(self._draw, "trocar-pictures", self._end)
         self._renderer: ImageRenderer | None = None
         self._schedule = DrawSchedule()
         self._unwatch: Callable[[], None] = lambda: None

@@ -19,7 +19,7 @@ from PIL import Image
 
 from trocar import __version__
 from trocar.errors import LogError, MissingExtraError
-from trocar.messages import cdr_encode, message_type
+from trocar.messages import MessageType, cdr_encode, message_type
 from trocar.outputs import whole_file
 from trocar.recording import mcap_messages, mcap_topics
 from trocar.recording.mcap_file import JOINT_STATE, NANOSECONDS, mcap_library
@@ -80,6 +80,10 @@ class ImageMessage(NamedTuple):
     image: NDArray[np.uint8]
 
 
+#: (topic, type, time of logging [ns], bytes); ROS 2 names a type with msg in its middle.
+Packed = tuple[str, str, int, bytes]
+
+
 class Bag(NamedTuple):
     """A recording.
 
@@ -89,6 +93,7 @@ class Bag(NamedTuple):
         messages: reads joint states of some topics, in the order of their times
         poses: reads poses of some topics, in the order of their times
         images: reads raw or compressed images of some topics, in the order of their times
+        raw: reads messages of any type of some topics as bytes, in the order of the file
     """
 
     file: str
@@ -96,6 +101,7 @@ class Bag(NamedTuple):
     messages: Callable[[Collection[str]], Iterator[JointMessage]]
     poses: Callable[[Collection[str]], Iterator[PoseMessage]]
     images: Callable[[Collection[str]], Iterator[ImageMessage]]
+    raw: Callable[[Collection[str]], Iterator[Packed]]
 
 
 def is_bag(path: str | Path) -> bool:
@@ -129,15 +135,18 @@ def open_bag(path: str | Path) -> Bag:
                     found |= {c.topic: c.msgtype for c in reader.connections}
     topics = {topic.lstrip("/"): _type(kind) for topic, kind in found.items()}
 
+    def every(wanted: Collection[str]) -> Iterator[Packed]:
+        with _rosbags(file):
+            for one in paths:
+                yield from raw(one, wanted)
+
     def packed(wanted: Collection[str], allowed: tuple[str, ...]) -> Iterator[Packed]:
         for topic in wanted:
             if topics.get(topic, allowed[0]) not in allowed:
                 raise LogError(
                     file, f"/{topic} is {topics[topic]}; allowed: {' or '.join(allowed)}"
                 )
-        with _rosbags(file):
-            for one in paths:
-                yield from raw(one, wanted)
+        yield from every(wanted)
 
     def messages(wanted: Collection[str]) -> Iterator[JointMessage]:
         with _rosbags(file):
@@ -153,7 +162,7 @@ def open_bag(path: str | Path) -> Bag:
             for topic, logged, message in _decoded(packed(wanted, IMAGES)):
                 yield ImageMessage(topic, _stamp(message, logged), _image(message, topic, file))
 
-    return Bag(file, topics, messages, poses, images)
+    return Bag(file, topics, messages, poses, images, every)
 
 
 def write_joint_states(
@@ -190,6 +199,72 @@ def write_joint_states(
         writer.finish()
 
 
+class BagWriter:
+    """Writes a new bag: a rosbag 1 file, or a rosbag 2 folder; types are those that trocar has.
+
+    Args:
+        path: of the file or folder, which must not exist
+        storage: "rosbag1", or of a rosbag 2 "sqlite3" or "mcap"
+
+    Raises:
+        LogError: the path exists or cannot be written, or an unknown storage
+        MissingExtraError: rosbags is not installed
+    """
+
+    def __init__(self, path: str | Path, storage: str) -> None:
+        self.file, self._one = str(path), storage == "rosbag1"
+        allowed = ("rosbag1", "sqlite3", "mcap")
+        if storage not in allowed:
+            raise LogError(self.file, f"storage {storage!r}; allowed: {', '.join(allowed)}")
+        if Path(path).exists():
+            raise LogError(self.file, "exists")
+        with _rosbags(self.file):
+            from rosbags import rosbag1, rosbag2
+
+            if self._one:
+                self._writer: Any = rosbag1.Writer(path)
+            else:
+                plugin = rosbag2.StoragePlugin[storage.upper()]
+                self._writer = rosbag2.Writer(path, version=9, storage_plugin=plugin)
+            self._writer.open()
+        self._topics: dict[str, Any] = {}
+
+    def add(self, topic: str, kind: str) -> None:
+        """Add a topic of a type such as "sensor_msgs/JointState", unless it is there."""
+        if topic in self._topics:
+            return
+        known = message_type(kind)
+        with _rosbags(self.file):
+            if self._one:
+                self._topics[topic] = self._writer.add_connection(
+                    topic, _type(kind), msgdef=known.text_ros1, md5sum=known.md5
+                )
+            else:
+                self._topics[topic] = self._writer.add_connection(
+                    topic, _type(kind), msgdef=known.text_ros2, rihs01=_digest(known)
+                )
+
+    def write(self, topic: str, data: bytes, time_ns: int) -> None:
+        """Write the bytes of a message, in the encoding of the bag's edition [ns]."""
+        with _rosbags(self.file):
+            self._writer.write(self._topics[topic], time_ns, data)
+
+    def close(self) -> None:
+        """Finish the bag."""
+        with _rosbags(self.file):
+            self._writer.close()
+
+
+def _digest(kind: MessageType) -> str:
+    """Return the checksum that ROS 2 has of a type (REP 2016)."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    found = get_types_from_msg(kind.text_ros2, _type(kind.name))
+    store.register({name: made for name, made in found.items() if name not in store.fielddefs})
+    return store.hash_rihs01(_type(kind.name))
+
+
 def _type(name: str) -> str:
     """Return a type's name as ROS 2 writes it."""
     return name if "/msg/" in name else name.replace("/", "/msg/")
@@ -223,8 +298,6 @@ def _files(where: Path, file: str) -> list[Path]:
     return sorted(found, key=lambda p: [int(n) for n in re.findall(r"\d+", p.stem)] or [0])
 
 
-#: (topic, type, time of logging [ns], bytes); ROS 2 names a type with msg in its middle.
-Packed = tuple[str, str, int, bytes]
 Raw = Callable[[Path, Collection[str]], Iterator[Packed]]
 
 

@@ -1,9 +1,10 @@
-"""A worker that takes the newest item and drops those that it overtook."""
+"""Workers in a thread of their own: one drops items that newer ones overtook, one is waited for."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Generic, TypeVar
 
 Item = TypeVar("Item")
@@ -85,3 +86,32 @@ class LatestOnly(Generic[Item]):
             self._waiting.clear()
             self._working = bool(items)
         return items
+
+
+class InTurn(Generic[Item]):
+    """Pass each item to a function in a thread of its own, and wait for it.
+
+    Args:
+        work, name, end: as of a `LatestOnly`
+    """
+
+    waiting = False
+    idle = True
+    dropped = 0
+
+    def __init__(
+        self, work: Callable[[Item], None], name: str, end: Callable[[], None] | None = None
+    ) -> None:
+        self._work, self._end = work, end
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix=name)
+
+    def put(self, item: Item, key: str = "") -> bool:  # noqa: ARG002  each is worked on
+        """Return False once the item is worked on."""
+        self._pool.submit(self._work, item).result()
+        return False
+
+    def close(self, timeout_s: float | None = None) -> None:  # noqa: ARG002  nothing waits
+        """End the thread."""
+        if self._end is not None:
+            self._pool.submit(self._end).result()
+        self._pool.shutdown()

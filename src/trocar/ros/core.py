@@ -32,6 +32,7 @@ from trocar.ros import console, images, tf
 from trocar.ros.arm_topics import arm_topics
 from trocar.ros.clock import FIRST_NS, Mode, StampCheck, Stamper
 from trocar.ros.message_fields import RefusedError, stamp
+from trocar.ros.nearest import nearest_topic, nobody
 from trocar.ros.publishing import Publishing
 from trocar.ros.robot_model import robot_model
 from trocar.ros.sample import Sample
@@ -55,6 +56,8 @@ RATE_MAX_HZ = 1000.0
 #: the last effort in every period (SAW 2.4, mtsIntuitiveResearchKitArm.cpp, control_servo_jf); its
 #: watchdog of 30 ms (mtsIntuitiveResearchKit.h, WatchdogTimeout) is that of the controllers. [s]
 SETPOINT_TIMEOUT_S = 0.1
+#: Unknown topics that are compared with those that there are. Source: our own choice.
+UNREAD = 256
 #: {verb: its set-point}, of verbs with a time-out.
 EXPIRING = {"servo_jf": "effort", "servo_cf": "wrench", "servo_jv": "v"}
 #: Made for its first subscriber, since its meshes are written too.
@@ -187,6 +190,7 @@ class Core:
         self._lock, self._rate_limit, self._noted = threading.Lock(), RateLimit(), RateLimit(inf)
         self._ends: list[Callable[[], None]] = []
         self.refused = 0
+        self._unread: dict[str, str] = {}
         self._described: RigDescription | None = None
 
     # ------------------------------------------------------------------ life
@@ -303,6 +307,31 @@ class Core:
         except InputError as problem:
             self.refuse(topic, topic.name, str(problem), peer)
             return None
+
+    def unread(self, names: Iterable[str], peer: str) -> str:
+        """Report topics that a client publishes and no arm has, once each; from any thread.
+
+        Args:
+            names: of topics, without a leading slash; those that the simulator has do not count
+            peer: the client
+
+        Returns:
+            the topic that the last name stands for, "" without one
+        """
+        near = ""
+        for name in names:
+            if name in self.topics:
+                near = ""
+                continue
+            near = self._unread.get(name, "")
+            if name in self._unread or len(self._unread) >= UNREAD:
+                continue
+            near = self._unread[name] = nearest_topic(name, self.topics, "sub")
+            if near:
+                text = nobody(name, self.topics, "sub")
+                _log.warning("%s: %s", peer, text)
+                self.emit("system/warning", {"data": text})
+        return near
 
     def disconnected(self, peer: str) -> None:
         """Note that a client has left: it commands no arm any longer; from any thread."""

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from trocar.ros.topic import COMMAND, STATE
 from trocar.scripts import kdl as own_kdl
-from trocar.scripts.messages import message_class, service_class
+from trocar.scripts.messages import BuiltinTime, Edition, message_class, service_class
 from trocar.scripts.ros import Latest, own_arguments
+from trocar.scripts.ros2_time import ClockType, RclDuration, RclTime
 
 kdl: Any
 try:
@@ -239,6 +240,63 @@ class ral:  # noqa: N801  as scripts call it
         return f"    The rig has {', '.join(arms)}; --rig chooses another (trocar list rigs)\n"
 
 
+class Ros2Ral(ral):
+    """The layer of a script for ROS 2: its times and messages are those of rclpy."""
+
+    #: rclpy of a run.
+    _rclpy: ClassVar[Any]
+
+    @staticmethod
+    def ros_version() -> int:
+        """Return 2: services are called as in ROS 2."""
+        return 2
+
+    def now(self) -> RclTime:
+        """Return the time of stamps."""
+        self._node.flow.look()
+        return RclTime(nanoseconds=self._node.flow.now_ns(), clock_type=ClockType.ROS_TIME)
+
+    def get_timestamp(self, t: Any) -> Any:
+        """Return the stamp of a message or a header; a stamp itself stays as it is."""
+        found = super().get_timestamp(t)
+        return RclTime.from_msg(found) if isinstance(found, BuiltinTime) else found
+
+    def set_timestamp(self, msg: Any) -> Any:
+        """Stamp a message with the time now, if it has a header; return it."""
+        if hasattr(msg, "header"):
+            msg.header.stamp = self.now().to_msg()
+        return msg
+
+    def to_sec(self, t: Any) -> float:
+        """Return seconds of a time, a duration, or a message's stamp."""
+        return self.get_timestamp(t).nanoseconds / 1e9
+
+    def create_duration(self, d: float) -> RclDuration:
+        """Return a length of time [s]."""
+        return RclDuration(seconds=float(d))
+
+    def create_time(self) -> RclTime:
+        """Return time zero."""
+        return RclTime(clock_type=ClockType.ROS_TIME)
+
+    def shutdown(self) -> None:
+        """End the node; functions given to `on_shutdown` are called."""
+        super().shutdown()
+        self._rclpy.try_shutdown()
+
+    def is_shutdown(self) -> bool:
+        """Return whether the node has ended."""
+        return super().is_shutdown() or self._rclpy.default_context.ended
+
+    @staticmethod
+    def _message(kind: str) -> Any:
+        return message_class(kind, 2)
+
+    @staticmethod
+    def _service_type(kind: str) -> Any:
+        return service_class(kind, 2)
+
+
 def _frame(position: Any, rotation: Any) -> Any:
     turn = kdl.Rotation.Quaternion(rotation.x, rotation.y, rotation.z, rotation.w)
     return kdl.Frame(turn, kdl.Vector(position.x, position.y, position.z))
@@ -262,9 +320,8 @@ def FrameFromPoseMsg(p: Any) -> Any:
     return _frame(p.position, p.orientation)
 
 
-def FrameToPoseMsg(f: Any, made: Any = None) -> Any:
-    """Return a geometry_msgs/Pose of a frame."""
-    made = message_class("geometry_msgs/Pose")() if made is None else made
+def FrameToPoseMsg(f: Any, made: Any) -> Any:
+    """Fill a geometry_msgs/Pose with a frame; return it."""
     _put(f, made.position, made.orientation)
     return made
 
@@ -274,9 +331,8 @@ def FrameFromTransformMsg(t: Any) -> Any:
     return _frame(t.translation, t.rotation)
 
 
-def FrameToTransformMsg(f: Any) -> Any:
-    """Return a geometry_msgs/Transform of a frame."""
-    made: Any = message_class("geometry_msgs/Transform")()
+def FrameToTransformMsg(f: Any, made: Any) -> Any:
+    """Fill a geometry_msgs/Transform with a frame; return it."""
     _put(f, made.translation, made.rotation)
     return made
 
@@ -286,9 +342,8 @@ def ArrayFromTwistMsg(t: Any) -> Array:
     return _six(t.linear, t.angular)
 
 
-def ArrayToTwistMsg(a: Any, made: Any = None) -> Any:
-    """Return a geometry_msgs/Twist of six numbers."""
-    made = message_class("geometry_msgs/Twist")() if made is None else made
+def ArrayToTwistMsg(a: Any, made: Any) -> Any:
+    """Fill a geometry_msgs/Twist with six numbers; return it."""
     _spread(a, made.linear, made.angular)
     return made
 
@@ -298,11 +353,24 @@ def ArrayFromWrenchMsg(w: Any) -> Array:
     return _six(w.force, w.torque)
 
 
-def ArrayToWrenchMsg(a: Any, made: Any = None) -> Any:
-    """Return a geometry_msgs/Wrench of six numbers."""
-    made = message_class("geometry_msgs/Wrench")() if made is None else made
+def ArrayToWrenchMsg(a: Any, made: Any) -> Any:
+    """Fill a geometry_msgs/Wrench with six numbers; return it."""
     _spread(a, made.force, made.torque)
     return made
+
+
+def makers(edition: Edition) -> dict[str, Callable[[Any], Any]]:
+    """Return the conversions that make messages of an edition, by name."""
+
+    def maker(convert: Callable[[Any, Any], Any], kind: str) -> Callable[[Any], Any]:
+        return lambda value: convert(value, message_class(f"geometry_msgs/{kind}", edition)())
+
+    return {
+        "FrameToPoseMsg": maker(FrameToPoseMsg, "Pose"),
+        "FrameToTransformMsg": maker(FrameToTransformMsg, "Transform"),
+        "ArrayToTwistMsg": maker(ArrayToTwistMsg, "Twist"),
+        "ArrayToWrenchMsg": maker(ArrayToWrenchMsg, "Wrench"),
+    }
 
 
 class Reading:

@@ -106,7 +106,12 @@ def publisher(ral: Any, topic: str, kind: str, *, latch: bool = False) -> Callab
     """Return a function that publishes a message of a type of one field, or of none."""
     made = ral._message(kind)
     end = ral.publisher(topic, made, latch=latch, queue_size=1)
-    return lambda *value, **named: end.publish(made(*value, **named))
+    names: tuple[str, ...] = made.__slots__
+
+    def publish(*values: Any, **named: Any) -> None:
+        end.publish(made(**dict(zip(names, values, strict=False)), **named))
+
+    return publish
 
 
 class _Deep(arm):
@@ -195,9 +200,9 @@ class mtm(arm):  # noqa: N801  as scripts call it
 
     def lock_orientation(self, orientation: Any) -> None:
         """Let the gimbal hold an orientation."""
-        self._lock.publish(
-            self._ral._message("geometry_msgs/Quaternion")(*orientation.GetQuaternion())
-        )
+        message = self._ral._message("geometry_msgs/Quaternion")()
+        message.x, message.y, message.z, message.w = orientation.GetQuaternion()
+        self._lock.publish(message)
 
     def unlock_orientation(self) -> None:
         """Let the gimbal go."""

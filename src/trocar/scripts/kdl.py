@@ -1,10 +1,11 @@
-"""Vectors, rotations and frames with the names that PyKDL gives them, for where it is missing.
+"""Vectors, rotations, frames, twists and wrenches with the names of PyKDL, where it is missing.
 
 Source of names and behaviour: the public documentation of Orocos KDL's Python binding.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -23,7 +24,7 @@ from trocar.geometry.rotations import (
     rpy_from_matrix,
 )
 
-__all__ = ["Equal", "Frame", "Rotation", "Vector", "dot"]
+__all__ = ["Equal", "Frame", "Rotation", "Twist", "Vector", "Wrench", "addDelta", "diff", "dot"]
 Array = NDArray[np.float64]
 #: Two numbers that differ by less are equal. Source: KDL's `epsilon`.
 EPSILON = 1e-6
@@ -65,6 +66,10 @@ class Vector:
         length = self.Norm()
         self.xyz[:] = self.xyz / length if length > EPSILON else (1.0, 0.0, 0.0)
         return length
+
+    def ReverseSign(self) -> None:
+        """Become the opposite."""
+        self.xyz[:] = -self.xyz
 
     def _entry(self, which: int, value: float | None) -> float:
         if value is not None:
@@ -194,6 +199,14 @@ class Rotation:
         roll, pitch, yaw = self.GetRPY()
         return yaw, pitch, roll
 
+    def GetEulerZYZ(self) -> tuple[float, float, float]:
+        """Return turns about z, y and z of axes that turn along [rad]."""
+        R = self.matrix
+        beta = math.atan2(math.hypot(R[2, 0], R[2, 1]), R[2, 2])
+        if abs(R[2, 2]) > 1.0 - EPSILON:
+            return math.atan2(R[1, 0] * R[2, 2], R[0, 0] * R[2, 2]), beta, 0.0
+        return math.atan2(R[1, 2], R[0, 2]), beta, math.atan2(R[2, 1], -R[2, 0])
+
     def GetRot(self) -> Vector:
         """Return the axis, as long as the angle [rad]."""
         return Vector(*rotation_vector_from_matrix(self.matrix))
@@ -249,6 +262,8 @@ class Rotation:
             return Vector(*(self.matrix @ other.xyz))
         if isinstance(other, Rotation):
             return Rotation._of(self.matrix @ other.matrix)
+        if isinstance(other, KdlSix):
+            return type(other)(*(self * part for part in other.parts))
         return NotImplemented
 
     def __eq__(self, other: object) -> bool:
@@ -256,6 +271,133 @@ class Rotation:
 
     def __repr__(self) -> str:
         return "[" + ";\n ".join(", ".join(f"{n:12.6g}" for n in row) for row in self.matrix) + "]"
+
+
+class KdlSix:
+    """Two vectors: a twist or a wrench.
+
+    Attributes:
+        parts: the linear one and the angular one
+    """
+
+    __slots__ = ("parts",)
+    __hash__ = None  # type: ignore[assignment]  it can be changed
+
+    def __init__(self, *given: Any) -> None:
+        if len(given) == 1 and isinstance(given[0], type(self)):
+            given = given[0].parts
+        if len(given) not in (0, 2) or not all(isinstance(one, Vector) for one in given):
+            kind = type(self).__name__.removeprefix("Kdl")
+            raise TypeError(f"{kind}: got {given!r}; allowed: two Vectors, another {kind}")
+        parts: tuple[Any, ...] = given or (Vector(), Vector())
+        first, second = parts
+        self.parts = Vector(*first), Vector(*second)
+
+    @classmethod
+    def Zero(cls) -> Any:
+        """Return zeros."""
+        return cls()
+
+    def ReverseSign(self) -> None:
+        """Become the opposite."""
+        for part in self.parts:
+            part.ReverseSign()
+
+    def _set(self, which: int, value: Vector) -> None:
+        self.parts[which].xyz[:] = value.xyz
+
+    def __getitem__(self, which: int) -> float:
+        return self.parts[which // 3][which % 3]
+
+    def __setitem__(self, which: int, value: float) -> None:
+        self.parts[which // 3][which % 3] = value
+
+    def __iter__(self) -> Iterator[float]:
+        return (value for part in self.parts for value in part)
+
+    def __len__(self) -> int:
+        return 6
+
+    def __add__(self, other: Any) -> Any:
+        if type(other) is not type(self):
+            return NotImplemented
+        return type(self)(*(a + b for a, b in zip(self.parts, other.parts, strict=True)))
+
+    def __sub__(self, other: Any) -> Any:
+        return self + -other if type(other) is type(self) else NotImplemented
+
+    def __neg__(self) -> Any:
+        return type(self)(*(-part for part in self.parts))
+
+    def __mul__(self, factor: float) -> Any:
+        return type(self)(*(part * factor for part in self.parts))
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, divisor: float) -> Any:
+        return type(self)(*(part / divisor for part in self.parts))
+
+    def __eq__(self, other: object) -> bool:
+        return type(other) is type(self) and Equal(self, other)
+
+    def __repr__(self) -> str:
+        return f"[{', '.join(f'{value:12.6g}' for value in self)}]"
+
+
+class KdlTwist(KdlSix):
+    """A linear and an angular velocity [m/s, rad/s], at a point."""
+
+    __slots__ = ()
+
+    @property
+    def vel(self) -> Vector:
+        """The linear velocity."""
+        return self.parts[0]
+
+    @vel.setter
+    def vel(self, value: Vector) -> None:
+        self._set(0, value)
+
+    @property
+    def rot(self) -> Vector:
+        """The angular velocity."""
+        return self.parts[1]
+
+    @rot.setter
+    def rot(self, value: Vector) -> None:
+        self._set(1, value)
+
+    def RefPoint(self, point: Vector) -> KdlTwist:
+        """Return the twist at another point, from the one of this twist [m]."""
+        return KdlTwist(self.vel + self.rot * point, self.rot)
+
+
+class KdlWrench(KdlSix):
+    """A force and a torque [N, N m], at a point."""
+
+    __slots__ = ()
+
+    @property
+    def force(self) -> Vector:
+        """The force."""
+        return self.parts[0]
+
+    @force.setter
+    def force(self, value: Vector) -> None:
+        self._set(0, value)
+
+    @property
+    def torque(self) -> Vector:
+        """The torque."""
+        return self.parts[1]
+
+    @torque.setter
+    def torque(self, value: Vector) -> None:
+        self._set(1, value)
+
+    def RefPoint(self, point: Vector) -> KdlWrench:
+        """Return the wrench at another point, from the one of this wrench [m]."""
+        return KdlWrench(self.force, self.torque + self.force * point)
 
 
 class KdlFrame:
@@ -306,16 +448,41 @@ class KdlFrame:
     def M(self, value: Rotation) -> None:
         self._rotation = Rotation(value)
 
-    def Inverse(self) -> KdlFrame:
-        """Return the inverse."""
+    @classmethod
+    def DH(cls, a: float, alpha: float, d: float, theta: float) -> KdlFrame:
+        """Return the frame of a link by standard DH parameters [m, rad]."""
+        turn = Rotation.RotZ(theta)
+        return cls(turn * Rotation.RotX(alpha), turn * Vector(a, 0.0, d))
+
+    @classmethod
+    def DH_Craig1989(cls, a: float, alpha: float, d: float, theta: float) -> KdlFrame:
+        """Return the frame of a link by modified DH parameters [m, rad]."""
+        turn = Rotation.RotX(alpha)
+        return cls(turn * Rotation.RotZ(theta), Vector(a, 0.0, 0.0) + turn * Vector(0.0, 0.0, d))
+
+    def Inverse(self, vector: Vector | None = None) -> Any:
+        """Return the inverse, or that times a vector."""
         M = self._rotation.Inverse()
-        return KdlFrame(M, -(M * self._p))
+        made = KdlFrame(M, -(M * self._p))
+        return made if vector is None else made * vector
+
+    def Integrate(self, twist: KdlTwist, frequency: float) -> None:
+        """Move by a twist in its own axes for one period of a frequency [Hz]."""
+        turn = Rotation.Rot(twist.rot, twist.rot.Norm() / frequency)
+        moved = self * KdlFrame(turn, twist.vel / frequency)
+        self.M, self.p = moved.M, moved.p
 
     def __mul__(self, other: Any) -> Any:
         if isinstance(other, KdlFrame):
             return KdlFrame(self._rotation * other._rotation, self * other._p)
         if isinstance(other, Vector):
             return self._rotation * other + self._p
+        if isinstance(other, KdlTwist):
+            turned = self._rotation * other
+            return KdlTwist(turned.vel + self._p * turned.rot, turned.rot)
+        if isinstance(other, KdlWrench):
+            turned = self._rotation * other
+            return KdlWrench(turned.force, turned.torque + self._p * turned.force)
         return NotImplemented
 
     def __getitem__(self, where: tuple[int, int]) -> float:
@@ -329,9 +496,31 @@ class KdlFrame:
         return f"[{self._rotation!r}\n{self._p!r}]"
 
 
-def dot(a: Vector, b: Vector) -> float:
-    """Return the scalar product."""
-    return float(a.xyz @ b.xyz)
+def dot(a: Any, b: Any) -> float:
+    """Return the scalar product of two vectors, or of a twist and a wrench [W]."""
+    return float(_numbers(a) @ _numbers(b))
+
+
+def diff(a: Any, b: Any, dt: float = 1.0) -> Any:
+    """Return the change from a to b per time [s].
+
+    Of vectors and rotations a vector, of frames a twist, of twists a twist; in the axes that a and
+    b are in.
+    """
+    if isinstance(a, Vector | KdlSix):
+        return (b - a) / dt
+    if isinstance(a, Rotation):
+        return a * (a.Inverse() * b).GetRot() / dt
+    return KdlTwist(diff(a.p, b.p, dt), diff(a.M, b.M, dt))
+
+
+def addDelta(a: Any, delta: Any, dt: float = 1.0) -> Any:
+    """Return a moved by what `diff` returns, for some time [s]."""
+    if isinstance(a, Vector | KdlSix):
+        return a + delta * dt
+    if isinstance(a, Rotation):
+        return a * Rotation.Rot(a.Inverse(delta), delta.Norm() * dt)
+    return KdlFrame(addDelta(a.M, delta.rot, dt), addDelta(a.p, delta.vel, dt))
 
 
 def Equal(a: Any, b: Any, eps: float = EPSILON) -> bool:
@@ -344,10 +533,12 @@ def _numbers(value: Any) -> Array:
         return value.xyz
     if isinstance(value, Rotation):
         return value.matrix
+    if isinstance(value, KdlSix):
+        return np.array([*value])
     if isinstance(value, KdlFrame):
         return np.column_stack([value.M.matrix, value.p.xyz])
     return np.asarray(value, dtype=np.float64)
 
 
-#: PyKDL's name.
-Frame = KdlFrame
+#: PyKDL's names.
+Frame, Twist, Wrench = KdlFrame, KdlTwist, KdlWrench

@@ -1,7 +1,8 @@
 """Messages, times and durations as scripts use them, made from the transports' definitions.
 
-A script sees ROS 1's names and attributes; `fields_of` and `message_of` turn its messages into the
-core's dicts and back. Times have rospy's attributes, and the names that ROS 2 gives them.
+A script of ROS 1 or of ROS 2 has the names and attributes of its edition; `fields_of` and
+`message_of` turn its messages into the core's dicts and back. Times of ROS 1 have rospy's
+attributes, and the names that ROS 2 gives them.
 """
 
 # Public attributes of genpy's classes begin with an underscore.
@@ -9,14 +10,20 @@ core's dicts and back. Times have rospy's attributes, and the names that ROS 2 g
 
 from __future__ import annotations
 
+import operator
+from array import array
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache, total_ordering
-from typing import Any, ClassVar, Self, cast
+from typing import Any, ClassVar, Literal, Self, cast
 
 import numpy as np
 
-from trocar.messages import Field, MessageType, ServiceType, message_type, service_type
-from trocar.messages.types import SECOND
+from trocar.messages import Field, MessageType, ServiceType, service_type
+from trocar.messages.types import SCALARS, SECOND
+from trocar.scripts.more_types import script_type
+
+#: Edition of ROS that a script is written for.
+Edition = Literal[1, 2]
 
 
 def nanoseconds(secs: float, nsecs: float = 0) -> int:
@@ -200,6 +207,9 @@ class Message:
     _md5sum: ClassVar[str] = ""
     _full_text: ClassVar[str] = ""
     _kind: ClassVar[MessageType]
+    _edition: ClassVar[Edition] = 1
+    #: Fields with their names in this edition.
+    _named: ClassVar[tuple[tuple[Field, str], ...]] = ()
 
     def __init__(self, *values: Any, **named: Any) -> None:
         """Take every field in order, or some by name; the others are zero, empty or false."""
@@ -215,8 +225,7 @@ class Message:
                 f"{self._type} has no field {min(unknown)!r}; known: {', '.join(names)}"
             )
         given: dict[str, Any] = dict(zip(names, values, strict=True)) if values else named
-        for field in self._kind.fields:
-            name = field.ros1_name
+        for field, name in self._named:
             setattr(self, name, given[name] if name in given else _blank(field))
 
     def __eq__(self, other: object) -> bool:
@@ -233,26 +242,116 @@ class Message:
         raise NotImplementedError(f"{self._type}: messages of a script are not serialised")
 
 
-@cache
-def message_class(name: str) -> type[Message]:
+class Ros2Message(Message):
+    """The base of messages of ROS 2: fields by name only, checked when they are set.
+
+    Source of the checks: rosidl_generator_py of ROS 2 Humble; sequences of numbers may be arrays of
+    numpy, as since Jazzy.
+    """
+
+    __slots__ = ()
+    _edition: ClassVar[Edition] = 2
+    #: {name: converts a value that is set}
+    _checks: ClassVar[Mapping[str, Callable[[Any], Any]]]
+
+    def __init__(self, **named: Any) -> None:
+        """Take some fields by name; the others are zero, empty or false."""
+        unknown = named.keys() - self._checks.keys() - {"check_fields"}
+        if unknown:
+            raise AssertionError(
+                f"Invalid arguments passed to constructor: {self._type} has no field"
+                f" {min(unknown)!r}; known: {', '.join(self.__slots__)}"
+            )
+        for field, name in self._named:
+            if name in named:
+                setattr(self, name, named[name])
+            else:
+                object.__setattr__(self, name, _blank_ros2(field))
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        check = self._checks.get(name)
+        if check is None:
+            raise AttributeError(
+                f"{self._type} has no field {name!r}; known: {', '.join(self.__slots__)}"
+            )
+        try:
+            object.__setattr__(self, name, check(value))
+        except (TypeError, ValueError, OverflowError) as problem:
+            raise AssertionError(f"{self._type}: field {name!r}: {problem}") from problem
+
+    def __repr__(self) -> str:
+        package, _, own = self._type.partition("/")
+        inside = ", ".join(f"{name}={getattr(self, name)!r}" for name in self.__slots__)
+        return f"{package}.msg.{own}({inside})"
+
+    @classmethod
+    def get_fields_and_field_types(cls) -> dict[str, str]:
+        """Return {field: its type, such as "sequence<double>"}."""
+        return {name: _ros2_type(field) for field, name in cls._named}
+
+
+class BuiltinTime(Ros2Message):
+    """builtin_interfaces/Time: seconds and nanoseconds of a stamp."""
+
+    __slots__ = ("nanosec", "sec")
+    _type = "builtin_interfaces/Time"
+
+    def __init__(self, *, sec: int = 0, nanosec: int = 0) -> None:
+        self.sec, self.nanosec = sec, nanosec
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, BuiltinTime) or other._type != self._type:
+            return False
+        return (other.sec, other.nanosec) == (self.sec, self.nanosec)
+
+    __hash__ = Message.__hash__
+
+    @classmethod
+    def get_fields_and_field_types(cls) -> dict[str, str]:
+        """Return {field: its type}."""
+        return {"sec": "int32", "nanosec": "uint32"}
+
+
+class BuiltinDuration(BuiltinTime):
+    """builtin_interfaces/Duration."""
+
+    __slots__ = ()
+    _type = "builtin_interfaces/Duration"
+
+
+STAMPS = {"time": BuiltinTime, "duration": BuiltinDuration}
+BuiltinTime._checks = {"sec": operator.index, "nanosec": operator.index}
+
+
+def message_class(name: str, edition: Edition = 1) -> type[Message]:
     """Return the class of a type of messages, such as "sensor_msgs/JointState".
 
     Raises:
         UnknownNameError: there is no such type
     """
-    return _class_of(message_type(name), "msg")
+    return _message_class(name, edition)  # the same class, however it is called
 
 
 @cache
-def service_class(name: str) -> type:
+def _message_class(name: str, edition: Edition) -> type[Message]:
+    return _class_of(script_type(name), "msg", edition)
+
+
+def service_class(name: str, edition: Edition = 1) -> type:
     """Return the class of a service; `Request` and `Response` are those of its messages.
 
     Raises:
         UnknownNameError: there is no such type
     """
+    return _service_class(name, edition)
+
+
+@cache
+def _service_class(name: str, edition: Edition) -> type:
     kind: ServiceType = service_type(name)
     package, own = kind.name.split("/")
-    request, response = _class_of(kind.request, "srv"), _class_of(kind.response, "srv")
+    request = _class_of(kind.request, "srv", edition)
+    response = _class_of(kind.response, "srv", edition)
     members = {
         "__module__": f"{package}.srv",
         "__doc__": f"The service {kind.name}.",
@@ -264,10 +363,14 @@ def service_class(name: str) -> type:
     return type(own, (), members)
 
 
-def _class_of(kind: MessageType, folder: str) -> type[Message]:
+def _class_of(kind: MessageType, folder: str, edition: Edition) -> type[Message]:
     package, own = kind.name.split("/")
-    names = tuple(field.ros1_name for field in kind.fields)
-    members = {
+    if edition == 1:
+        named = tuple((field, field.ros1_name) for field in kind.fields)
+    else:
+        named = tuple((field, field.name) for field in kind.fields if not field.only_ros1)
+    names = tuple(name for _, name in named)
+    members: dict[str, Any] = {
         **{constant.name: constant.value for constant in kind.constants},
         "__slots__": names,
         "__module__": f"{package}.{folder}",
@@ -276,8 +379,12 @@ def _class_of(kind: MessageType, folder: str) -> type[Message]:
         "_md5sum": kind.md5,
         "_full_text": kind.text_ros1,
         "_kind": kind,
+        "_named": named,
     }
-    return type(own, (Message,), members)
+    if edition == 1:
+        return type(own, (Message,), members)
+    members["_checks"] = {name: _check_of(field) for field, name in named}
+    return type(own, (Ros2Message,), members)
 
 
 def _blank(field: Field) -> Any:
@@ -294,20 +401,86 @@ def _blank(field: Field) -> Any:
     return [0.0 if "float" in field.type else 0] * field.length
 
 
+def _blank_ros2(field: Field) -> Any:
+    if field.type in STAMPS and field.length is None:
+        return STAMPS[field.type]()
+    if field.is_message:
+        kind, count = message_class(field.type, 2), field.length
+        return kind() if count is None else [kind() for _ in range(count)]
+    if field.length is None:
+        return _blank(field)
+    if field.type not in CODES:
+        return [_blank(field)] * field.length if field.length else []
+    code = CODES[field.type]
+    return np.zeros(field.length, code) if field.length else cast(Any, array)(code)
+
+
+#: Codes of `array` and numpy for the numbers in sequences.
+CODES = {name: code for name, code in SCALARS.items() if name != "bool"}
+
+
+def _check_of(field: Field) -> Callable[[Any], Any]:
+    """Return a function that converts a value to a field's, or raises a TypeError."""
+    one = _check_of_one(field)
+    if field.length is None:
+        return one
+    code = CODES.get(field.type)
+    if code is None or field.is_message or field.type in STAMPS:
+        return lambda values: [one(value) for value in values]
+    if field.length == 0:
+        return lambda values: array(code, bytes(values) if field.type == BYTES else values)
+
+    def numbers(values: Any) -> Any:
+        found = np.array(values, dtype=code)
+        if found.shape != (field.length,):
+            raise TypeError(f"got {found.size} numbers; allowed: {field.length}")
+        return found
+
+    return numbers
+
+
+def _check_of_one(field: Field) -> Callable[[Any], Any]:
+    kinds: dict[str, type] = {"string": str, "bool": bool, **STAMPS}
+    if field.is_message:
+        kind: type = message_class(field.type, 2)
+    else:
+        kind = kinds.get(field.type, float if "float" in field.type else int)
+
+    def check(value: Any) -> Any:
+        if not isinstance(value, kind):
+            raise TypeError(f"got {type(value).__name__}; allowed: {kind.__name__}")
+        return value
+
+    return check
+
+
+def _ros2_type(field: Field) -> str:
+    words = {"float64": "double", "float32": "float", "bool": "boolean"}
+    kind = field.ros2_type.removesuffix(field.brackets)
+    name = words.get(kind, kind)
+    if field.length is None:
+        return name
+    return f"{name}[{field.length}]" if field.length else f"sequence<{name}>"
+
+
 def fields_of(message: Message) -> dict[str, Any]:
     """Return a message as the core has it: a dict in ROS 2's field names, unchecked."""
     return {
-        field.name: _plain(field, getattr(message, field.ros1_name))
-        for field in message._kind.fields
+        field.name: _plain(field, getattr(message, name))
+        for field, name in message._named
         if not field.only_ros1
     }
 
 
 def _plain(field: Field, value: Any) -> Any:
+    if isinstance(value, BuiltinTime):
+        return value.sec, value.nanosec
     if field.type in TIMES:
         ns = getattr(value, "nanoseconds", None)
         return value if ns is None else divmod(ns, 1_000_000_000)
     if not field.is_message:
+        if isinstance(value, array):
+            return value.tobytes() if field.type == BYTES else cast(Any, value).tolist()
         return value.tolist() if isinstance(value, np.ndarray) else value
     if field.length is None:
         return fields_of(value) if isinstance(value, Message) else value
@@ -317,25 +490,41 @@ def _plain(field: Field, value: Any) -> Any:
 def message_of(kind: type[Message], fields: Mapping[str, Any]) -> Any:
     """Return the message that the core's dict is."""
     made = kind.__new__(kind)
-    for field in kind._kind.fields:
+    put = object.__setattr__
+    for field, name in kind._named:
         if field.only_ros1:
-            setattr(made, field.ros1_name, 0)
+            put(made, name, 0)
         else:
-            setattr(made, field.ros1_name, _rich(field, fields[field.name]))
+            put(made, name, _rich(field, fields[field.name], kind._edition))
     return made
 
 
-def _rich(field: Field, value: Any) -> Any:
-    if field.type in TIMES:
-        return TIMES[field.type](*value)
+def _rich(field: Field, value: Any, edition: Edition) -> Any:
+    if field.type in TIMES and field.length is None:
+        return TIMES[field.type](*value) if edition == 1 else _stamp(field.type, value)
     if field.is_message:
-        kind = message_class(field.type)
+        kind = message_class(field.type, edition)
         if field.length is None:
             return message_of(kind, value)
         return [message_of(kind, one) for one in value]
-    if field.length is not None and field.type != BYTES:
-        return value.tolist() if isinstance(value, np.ndarray) else list(value)
-    return value
+    if field.length is None:
+        return value
+    if edition == 2 and field.type in CODES:
+        if field.length:
+            return np.array(value, CODES[field.type])
+        if field.type == BYTES:
+            return array("B", bytes(value))
+        return array(CODES[field.type], value)
+    if field.type == BYTES:
+        return bytes(cast(Any, value)) if isinstance(value, np.ndarray) else value
+    return value.tolist() if isinstance(value, np.ndarray) else list(value)
+
+
+def _stamp(kind: str, value: tuple[int, int]) -> BuiltinTime:
+    made = STAMPS[kind].__new__(STAMPS[kind])
+    object.__setattr__(made, "sec", value[0])
+    object.__setattr__(made, "nanosec", value[1])
+    return made
 
 
 def _lines(message: Message, indent: str) -> list[str]:

@@ -19,6 +19,7 @@ from typing import Any
 from trocar.errors import TrocarError
 from trocar.messages import blank, service_type
 from trocar.scripts.messages import SECOND, Duration, Message, Rate, Time, fields_of, message_of
+from trocar.scripts.ros2_settings import value_of
 from trocar.scripts.simulation import Flow, Subscription
 
 LEVELS = {"debug": 1, "info": 2, "warn": 4, "err": 8, "error": 8, "fatal": 16}
@@ -60,6 +61,11 @@ def own_arguments(argv: Sequence[str]) -> list[str]:
     return left
 
 
+def own_words(argv: Sequence[str]) -> list[str]:
+    """Return the words of ROS 1 in a command line, as `a:=b`."""
+    return [word for word in argv[1:] if ":=" in word and not word.startswith("-")]
+
+
 class Node:
     """The one node that a script is; its public names are those that a script finds in rospy.
 
@@ -82,6 +88,8 @@ class Node:
         self.flow, self.ended = flow, False
         self._name, self._begun = "trocar_script", False
         self._parameters: dict[str, Any] = {}
+        self._remaps: dict[str, str] = {}
+        self._given: dict[str, str] = {}
         self._farewells: list[Callable[[], object]] = []
         self._logged: set[tuple[str, str]] = set()
         own = {"node": self}
@@ -97,14 +105,24 @@ class Node:
 
     def names(self) -> dict[str, Any]:
         """Return {name: what a script finds under it in rospy}."""
-        own = ("flow", "ended", "names", "key", "check", "wait")
+        own = ("flow", "ended", "names", "key", "check", "wait", "remap")
         found = [name for name in dir(self) if not name.startswith("_") and name not in own]
         return {name: getattr(self, name) for name in found}
 
     def key(self, name: str) -> str:
         """Return a topic's name without the first slash; "~x" is below the node's own."""
         below = f"{self._name}/{name[1:]}" if name.startswith("~") else name
-        return below.strip("/")
+        found = below.strip("/")
+        return self._remaps.get(found, found)
+
+    def remap(self, argv: Sequence[str]) -> None:
+        """Take names and private parameters of a command line: `a:=b`, `_gain:=2`."""
+        for word in own_words(argv):
+            name, _, value = word.partition(":=")
+            if name.startswith("_"):
+                self._given[name[1:]] = value
+            else:
+                self._remaps[name.strip("/")] = value.strip("/")
 
     def check(self) -> None:
         """Raise an error once the node has been shut down."""
@@ -117,8 +135,11 @@ class Node:
         return found and not self.ended
 
     def init_node(self, name: str, *_: Any, **__: Any) -> None:
-        """Name the node."""
-        self._name, self._begun = name, True
+        """Name the node; set its private parameters of the command line."""
+        self._name, self._begun = self._given.get("_name", name), True
+        for own, value in self._given.items():
+            if not own.startswith("_"):
+                self.set_param(f"~{own}", value_of(value))
 
     def get_name(self) -> str:
         """Return the node's name."""

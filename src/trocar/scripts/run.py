@@ -23,8 +23,11 @@ from types import CodeType, FrameType, ModuleType, TracebackType
 from trocar.descriptions import load_rig
 from trocar.errors import InputError, TrocarError
 from trocar.recording import recorder_of
+from trocar.scripts import crtk_client, dvrk_client
+from trocar.scripts.messages import Edition
 from trocar.scripts.modules import MissingPackageError, on_import, script_modules
 from trocar.scripts.ros import Node, ROSInterruptException
+from trocar.scripts.ros2 import Ros2
 from trocar.scripts.simulation import Flow, Stepped
 from trocar.scripts.virtual_time import answering, virtual_modules
 
@@ -71,6 +74,7 @@ def run_script(
     flow: Flow,
     timeout_s: float | None = None,
     linger: Callable[[], None] | None = None,
+    edition: Edition | None = None,
 ) -> Outcome:
     """Run a script as `python SCRIPT ...` does, with the simulation in the place of ROS.
 
@@ -81,6 +85,7 @@ def run_script(
         timeout_s: how long the script may take, in simulated time where it is stepped [s]; the
             process ends with a script that holds out against an interruption, see `Watchdog`
         linger: called when the script is over, before the simulation is closed
+        edition: 1 with rospy, 2 with rclpy; by what the script imports, when omitted
 
     Raises:
         InputError: the script cannot be read, or needs a package that is not there
@@ -93,15 +98,18 @@ def run_script(
     if isinstance(flow, Stepped):
         flow.over = OverdueError
         modules = virtual_modules(flow.scheduler)
-    node = Node(flow, modules.get("threading", threading).Thread)
-    modules |= script_modules(node, script.parent)
+    thread = modules.get("threading", threading).Thread
+    node = Node(flow, thread)
+    edition = edition or edition_of(script)
+    ros = Ros2(flow, thread) if edition == 2 else None
+    modules |= script_modules(node, script.parent, ros)
     watchdog = Watchdog(script, flow, timeout_s)
     try:
         flow.start()
         gc.freeze()  # what is there by now stays
         answers = answering(flow.scheduler) if isinstance(flow, Stepped) else nullcontext()
-        with watchdog, answers, on_import(modules, script.parent):
-            status = _outcome(watchdog, lambda: _execute(script, code, arguments, flow, node))
+        with watchdog, answers, on_import(modules, script.parent, edition):
+            status = _outcome(watchdog, lambda: _execute(script, code, arguments, node, ros))
         flow.look()  # raises the error of a simulation that broke down beside the script
         if linger is not None:
             linger()
@@ -117,22 +125,34 @@ def _compiled(script: Path) -> CodeType:
     except (OSError, ValueError) as problem:
         raise InputError(f"{script}: cannot be read: {problem}") from problem
     except SyntaxError as problem:
-        raise InputError(f"{script}: line {problem.lineno}: {problem.msg}") from problem
+        raise InputError(f"{script}: {_wrong_line(problem)}") from problem
+
+
+def _wrong_line(problem: SyntaxError) -> str:
+    """Return line and cause of a syntax error, and a hint at a script for Python 2."""
+    text = str(problem.msg)
+    older = "print" in text or "exec" in text or "inconsistent use of tabs" in text
+    hint = "; a script for Python 2 has to be converted first (2to3 -w)" if older else ""
+    return f"line {problem.lineno}: {text}{hint}"
 
 
 def _execute(
-    script: Path, code: CodeType, arguments: Sequence[str], flow: Flow, node: Node
+    script: Path, code: CodeType, arguments: Sequence[str], node: Node, ros: Ros2 | None
 ) -> None:  # fmt: skip
     main = ModuleType("__main__")
     main.__file__ = str(script)
     sys.modules["__main__"] = main
     sys.argv[:] = [str(script), *arguments]
+    if ros is None:
+        node.remap(sys.argv)
     try:
         exec(code, main.__dict__)
-        _join(flow)
+        _join(node.flow)
     finally:
         with suppress(OverdueError):
             node.signal_shutdown()
+            if ros is not None:
+                ros.try_shutdown()
 
 
 def _join(flow: Flow) -> None:
@@ -183,9 +203,34 @@ def _print_error(script: Path, problem: BaseException) -> None:
     while tb is not None and tb.tb_frame.f_code.co_filename != str(script):
         tb = tb.tb_next
     traceback.print_exception(type(problem), problem, tb or problem.__traceback__)
+    if _is_older_call(problem):
+        sys.stderr.write(f"trocar: {OLDER}\n")
     source = sys.modules.get(str(getattr(problem, "name", None)))
     if isinstance(problem, ImportError) and getattr(source, "__all__", None) and tb is not None:
         sys.stderr.write(f"{problem.name} has: {', '.join(source.__all__)}\n")  # type: ignore[union-attr]
+
+
+#: Hint at calls of another version.
+OLDER = (
+    "crtk and dvrk are those of dVRK 2.4, whose readings are (value, time) and whose arms take a"
+    " ral first; for a script of 2.3 put its dvrk_python and crtk on PYTHONPATH"
+)
+
+
+def _is_older_call(problem: BaseException) -> bool:
+    """Return whether an error may come of a call that dVRK 2.4 has no longer."""
+    if getattr(sys.modules.get("dvrk"), "__file__", None):
+        return False  # an installed one
+    text, own = str(problem), {**vars(crtk_client), **vars(dvrk_client)}
+    if isinstance(problem, AttributeError):
+        places = {kind.__module__ for kind in type(problem.obj).__mro__}
+        own_places = {crtk_client.__name__, dvrk_client.__name__}
+        return bool(places & own_places) or "'tuple' object" in text
+    if not isinstance(problem, TypeError):
+        return False
+    called = own.get(re.split(r"\W", text, maxsplit=1)[0])
+    module = getattr(called, "__module__", "")
+    return "tuple" in text or module in (crtk_client.__name__, dvrk_client.__name__)
 
 
 def script_line(script: Path, tb: TracebackType | None) -> int:
@@ -309,6 +354,45 @@ def interrupt(thread: threading.Thread) -> None:
         _thread.interrupt_main(WAKE)
 
 
+#: Packages by which a script shows its edition of ROS.
+EDITIONS: dict[Edition, frozenset[str]] = {
+    1: frozenset(("rospy", "rosbag", "roslib", "tf", "tf_conversions", "genpy", "actionlib")),
+    2: frozenset(
+        ("rclpy", "rosbag2_py", "rosidl_runtime_py", "ament_index_python", "rcl_interfaces",
+         "builtin_interfaces", "launch_ros", "tf_transformations", "sensor_msgs_py")
+    ),
+}  # fmt: skip
+
+
+def edition_of(script: Path) -> Edition:
+    """Return the edition of ROS that a script, and what lies beside it, imports packages of.
+
+    Where it imports those of both or of none, ROS_VERSION counts, else it is 1.
+    """
+    found = _packages(script, set())
+    first, second = (bool(names & found) for names in EDITIONS.values())
+    if first != second:
+        return 2 if second else 1
+    return 2 if os.environ.get("ROS_VERSION") == "2" else 1
+
+
+def _packages(script: Path, seen: set[Path]) -> set[str]:
+    """Return the packages that a script imports, and those that lie beside it import."""
+    seen.add(script)
+    found: set[str] = set()
+    for node in ast.walk(_tree(script.read_bytes())):
+        if isinstance(node, ast.Import):
+            found |= {name.name.split(".")[0] for name in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            found.add((node.module or "").split(".")[0])
+    for name in tuple(found):
+        beside = script.parent / f"{name}.py"
+        if beside not in seen and beside.is_file():
+            with suppress(InputError):  # it may never be imported
+                found |= _packages(beside, seen)
+    return found
+
+
 #: Built-in rigs that have arms of different kinds, the fastest first.
 RIGS = ("psm", "ecm", "mtm", "three_psm", "two_psm_ecm", "full_cart", "full_cart_mtm")
 #: Has every arm of a patient's cart; taken where a script names none.
@@ -320,10 +404,12 @@ PARTS = {
     "teleop_psm": ("MTML", "MTMR", "PSM1"),
 }
 ARM = re.compile(r"PSM[123]|ECM|MTM[LR]|SUJ")
+#: Names of topics of cameras.
+SEEN = re.compile(r"image_(raw|rect|color|mono)|camera_info|/compressed")
 
 
 def rig_for(source: bytes, arguments: Sequence[str]) -> str:
-    """Return the first rig that has all arms that a script names.
+    """Return the first rig that has all arms that a script names, and a camera for its images.
 
     Args:
         source: of the script; texts in it count, remarks and docstrings do not
@@ -335,10 +421,12 @@ def rig_for(source: bytes, arguments: Sequence[str]) -> str:
     named |= set(_parts(tree))
     if not named:
         return EVERY
+    sees = any(SEEN.search(text) for text in (*arguments, *_texts(tree)))
     for rig in RIGS:
-        arms = {arm.name for arm in load_rig(rig).arms}
+        found = load_rig(rig)
+        arms = {arm.name for arm in found.arms}
         arms |= {"SUJ"} if any(name.startswith("SUJ_") for name in arms) else set()
-        if named <= arms:
+        if named <= arms and (found.cameras or not sees):
             return rig
     return RIGS[-1]
 
@@ -346,7 +434,9 @@ def rig_for(source: bytes, arguments: Sequence[str]) -> str:
 def _tree(source: bytes) -> ast.AST:
     try:
         return ast.parse(source)
-    except (SyntaxError, ValueError) as problem:
+    except SyntaxError as problem:
+        raise InputError(f"cannot read the script: {_wrong_line(problem)}") from problem
+    except ValueError as problem:
         raise InputError(f"cannot read the script: {problem}") from problem
 
 

@@ -16,13 +16,15 @@ import time
 import traceback
 from collections import deque
 from collections.abc import Callable, Sequence
-from math import ceil
+from math import ceil, inf
 from typing import Any
 
+from trocar.live.images import Pictures
 from trocar.live.loop import SERVER_TICK_S, Loop
 from trocar.live.pace import nearest_tick
 from trocar.ros.clock import SECOND, Beat
 from trocar.ros.core import Batch, Component, Core
+from trocar.ros.nearest import nobody
 from trocar.ros.sample import Sample, SampleReadings
 from trocar.ros.topic import Topic
 from trocar.scripts.messages import Message, fields_of, message_of
@@ -34,9 +36,14 @@ _log = logging.getLogger("trocar")
 
 #: Origin of a rejected message in the core's warnings.
 PEER = "the script"
+#: A subscription that nothing publishes to is reported after so long. Source: our own choice: the
+#: script's own publishers are made by then. [s]
+SILENT_S = 1.0
 Call = Callable[[Callable[[], None]], None]
 #: Makes what is served beside the arms, of the loop.
 Parts = Callable[[Loop], Sequence[Component]]
+#: Makes what draws for the cameras, of the loop; None: there are no topics of cameras.
+Draw = Callable[[Loop], Pictures | None]
 
 
 class Subscription:
@@ -48,6 +55,7 @@ class Subscription:
         heard: called with each message
         size: how many messages may wait; the oldest are lost beyond
         at_once: called in the publishing thread, where the simulation waits for it
+        late: whether it begins with the last message of a topic
     """
 
     def __init__(
@@ -57,8 +65,9 @@ class Subscription:
         heard: Callable[[Any], None],
         size: int | None = None,
         at_once: bool = False,
+        late: bool = True,
     ) -> None:
-        self.name, self.kind, self.at_once = name, kind, at_once
+        self.name, self.kind, self.at_once, self.late = name, kind, at_once, late
         self._heard = heard
         self._waiting: deque[Any] = deque(maxlen=size or None)
         self._busy = False
@@ -99,6 +108,8 @@ class MessageBus:
         self._subscriptions: dict[str, tuple[Subscription, ...]] = {}
         self._publishers: dict[str, int] = {}
         self._wanted: frozenset[str] = frozenset()
+        self._awaited: dict[str, float] = {}
+        self._unread: set[str] = set()
         self.posted = False
 
     def start(self, core: Core) -> None:
@@ -107,6 +118,8 @@ class MessageBus:
 
     def wanted(self) -> frozenset[str]:
         """Return the names of the topics that the script subscribes to."""
+        if self._awaited:
+            self._report_silent(self._core.stamper.elapsed_s - SILENT_S)
         return self._wanted
 
     def send(self, batch: Batch) -> None:
@@ -119,7 +132,8 @@ class MessageBus:
                     subscription.put(message_of(subscription.kind, fields), self._later)
 
     def close(self) -> None:
-        """End."""
+        """End; report the topics that nothing published."""
+        self._report_silent(inf)
         self._subscriptions = {}
 
     def subscribe(self, subscription: Subscription) -> None:
@@ -129,7 +143,8 @@ class MessageBus:
         topic = self._served(name, kind, "pub")
         if topic is None:
             self._warn(name, kind, "pub")
-        last = None if topic is None else self._core.latched(name)
+            self._awaited.setdefault(name, self._core.stamper.elapsed_s)
+        last = None if topic is None or not subscription.late else self._core.latched(name)
         if last is not None:
             subscription.put(message_of(kind, last), self._later)
 
@@ -151,27 +166,49 @@ class MessageBus:
         for subscription in self._subscriptions.get(name, ()):
             if subscription.kind is type(message):
                 subscription.put(message_of(subscription.kind, fields), self._later)
+        if name not in self._unread and not self.subscribers(name, None):
+            self._unread.add(name)
+            _log.warning("%s", nobody(name, self._core.topics, "sub"))
 
-    def subscribers(self, name: str, kind: type[Message]) -> int:
-        """Count the subscribers of a topic that the script publishes."""
-        served = self._served(name, kind, "sub") is not None
-        return len(self._subscriptions.get(name, ())) + served
+    def subscribers(self, name: str, kind: type[Message] | None) -> int:
+        """Count the subscribers of a topic that the script publishes; None: of any type."""
+        return len(self._subscriptions.get(name, ())) + self.listens(name, kind)
 
-    def publishers(self, name: str, kind: type[Message]) -> int:
-        """Count the publishers of a topic that the script subscribes to."""
-        return self._publishers.get(name, 0) + (self._served(name, kind, "pub") is not None)
+    def publishers(self, name: str, kind: type[Message] | None) -> int:
+        """Count the publishers of a topic that the script subscribes to; None: of any type."""
+        return self._publishers.get(name, 0) + self.speaks(name, kind)
+
+    def listens(self, name: str, kind: type[Message] | None) -> bool:
+        """Return whether the simulator subscribes to a topic."""
+        return self._served(name, kind, "sub") is not None
+
+    def speaks(self, name: str, kind: type[Message] | None) -> bool:
+        """Return whether the simulator publishes a topic."""
+        return self._served(name, kind, "pub") is not None
+
+    def latches(self, name: str) -> bool:
+        """Return whether late subscribers of the simulator's topic get its last message."""
+        return self._core.topics[name].latched
+
+    def _report_silent(self, before_s: float) -> None:
+        """Warn of topics that were subscribed to before a time, and that nothing publishes."""
+        for name, since in tuple(self._awaited.items()):
+            if since <= before_s:
+                del self._awaited[name]
+                if self._subscriptions.get(name) and not self.publishers(name, None):
+                    _log.warning("%s", nobody(name, self._core.topics, "pub"))
 
     def _keep(self, name: str, subscriptions: tuple[Subscription, ...]) -> None:
         with self._lock:
             self._subscriptions[name] = subscriptions
             self._wanted = frozenset(n for n, found in self._subscriptions.items() if found)
 
-    def _served(self, name: str, kind: type[Message], direction: str) -> Topic | None:
+    def _served(self, name: str, kind: type[Message] | None, direction: str) -> Topic | None:
         """Return the simulator's end of a topic, None where it has none of that type."""
         topic = self._core.topics.get(name)
         if topic is None or topic.later or topic.direction != direction:
             return None
-        return topic if topic.type == kind._type else None
+        return topic if kind is None or topic.type == kind._type else None
 
     def _warn(self, name: str, kind: type[Message], direction: str) -> None:
         """Log that the simulator has a topic of that name with another type."""
@@ -208,6 +245,7 @@ class Stepped:
         world: used by this object alone
         limit_s: simulated time after which the script has to be over [s]; None: none
         parts: makes what is served beside the arms, of the loop
+        draw: makes what draws for the cameras, of the loop
         rates: `rate_hz` and the like of the `Core`
 
     Attributes:
@@ -219,7 +257,12 @@ class Stepped:
     virtual = True
 
     def __init__(
-        self, world: World, limit_s: float | None = None, parts: Parts = lambda _: (), **rates: Any
+        self,
+        world: World,
+        limit_s: float | None = None,
+        parts: Parts = lambda _: (),
+        draw: Draw = lambda _: None,
+        **rates: Any,
     ) -> None:
         self.world = world
         self._clock = TickClock()
@@ -227,11 +270,13 @@ class Stepped:
         self._loop = Loop(world, speed="max", tick_s=tick_s, clock=self._clock)
         components = parts(self._loop)
         self._alone = not components
+        self._pictures = draw(self._loop)
         self.core = Core(
             self._loop,
             clock="sim",
             first_ns=FIRST_NS,
             components=components,
+            pictures=self._pictures,
             setpoint_timeout_s=0.0,  # as on the dVRK: a script ends with its simulation
             **rates,
         )
@@ -259,6 +304,8 @@ class Stepped:
     def close(self) -> None:
         """End."""
         self.core.close()
+        if self._pictures is not None:
+            self._pictures.close()
         self._loop.close()
 
     @property
@@ -343,6 +390,7 @@ class Live:
         world: used by this object alone
         begin: starts the loop, and a viewer of it where there is one
         parts: makes what is served beside the arms, of the loop
+        draw: makes what draws for the cameras, of the loop
         rates: `rate_hz` and the like of the `Core`
 
     Attributes:
@@ -357,12 +405,20 @@ class Live:
         world: World,
         begin: Callable[[Loop], None] = Loop.start,
         parts: Parts = lambda _: (),
+        draw: Draw = lambda _: None,
         **rates: Any,
     ) -> None:
         self.world, self._begin = world, begin
         self.loop = Loop(world, tick_s=nearest_tick(SERVER_TICK_S, world.timestep))
         components = parts(self.loop)
-        self.core = Core(self.loop, components=components, setpoint_timeout_s=0.0, **rates)
+        self._pictures = draw(self.loop)
+        self.core = Core(
+            self.loop,
+            components=components,
+            pictures=self._pictures,
+            setpoint_timeout_s=0.0,
+            **rates,
+        )
         self.bus = MessageBus(self._later)
         self.core.attach(self.bus)
         self._calls: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
@@ -371,6 +427,8 @@ class Live:
 
     def start(self) -> None:
         """Start, and wait for the first tick."""
+        if self._pictures is not None:
+            self._pictures.start()
         self.core.start()
         self._thread.start()
         self._begin(self.loop)
@@ -380,6 +438,8 @@ class Live:
         """End, and stop every thread."""
         self._calls.put(None)
         self.core.close()
+        if self._pictures is not None:
+            self._pictures.close()
         self.loop.close()
 
     @property

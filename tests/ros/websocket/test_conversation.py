@@ -126,3 +126,14 @@ def test_the_last_of_a_throttled_topic_comes_in_the_end(core: Core) -> None:
     client.tend(12.5)
     assert len(wire.written) == 2
     assert b"three" in wire.written[1]
+
+
+def test_a_message_to_a_topic_that_no_arm_has_is_answered_with_the_nearest(core: Core) -> None:
+    wire = Wire()
+    with ThreadPoolExecutor(1) as workers:
+        conversation = Conversation(core, workers)
+        client = Client(cast("Any", wire), {})
+        request = {"op": "publish", "topic": "/psm1/move_jp", "msg": {}}
+        client.level = "info"
+        conversation.handle(client, json.dumps(request))
+    assert b"did you mean /PSM1/move_jp?" in b"".join(wire.written)

@@ -443,8 +443,13 @@ class RclpyTransport:
 
         rclpy does not name who sent a message: all its clients are one.
         """
+        due = 0
         while not self._over.wait(LOOK_S):
             try:
+                due -= 1
+                if due < 0:
+                    due = round(MODEL_S / LOOK_S)
+                    self._report_unread()
                 self._subscribed = frozenset(
                     name
                     for name, publisher in self._publishers.items()
@@ -458,6 +463,19 @@ class RclpyTransport:
                 if not self._over.is_set():
                     _log.warning("ROS 2: cannot query subscribers: %s", error)
                 return
+
+    def _report_unread(self) -> None:
+        """Report topics that other nodes publish and that nothing subscribes to."""
+        node = self._nodes[0].own
+        names = (name for name, _ in node.get_topic_names_and_types())
+        self._core.unread(
+            [
+                name.lstrip("/")
+                for name in names
+                if node.count_publishers(name) and not node.count_subscribers(name)
+            ],
+            "ROS 2",
+        )
 
     # ------------------------------------------------------------------ in
 

@@ -443,6 +443,10 @@ class Ros1Transport:
                 return
             try:
                 known = self._master.ask("lookupNode", f"/{self.node}")[0] == 1
+                _, _, (published, subscribed, _) = self._master.ask("getSystemState")
+                heard = {name for name, _ in subscribed}
+                names = [name.lstrip("/") for name, _ in published if name not in heard]
+                self._core.unread(names, "ROS 1")
             except MasterError:
                 if answers:
                     _log.warning(GONE, self._master.uri)

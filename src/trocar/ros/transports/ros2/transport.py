@@ -44,6 +44,8 @@ NODE = "trocar"
 #: Depth of the queues of ordered commands; the core rejects and reports sooner.
 COMMANDS = 1024
 WAIT_S = 0.2
+#: Period of comparing the topics of other nodes with those of the arms. Source: our own choice. [s]
+UNREAD_S = 2.0
 #: Calls and answers that wait. Source: rmw, rmw_qos_profile_services_default.
 CALLS = 10
 #: Threads that wait for services, and the longest time of a service call [s].
@@ -306,17 +308,27 @@ class Ros2Transport:
 
     def _listen(self, bus: DdsParticipant) -> None:
         more: set[DdsReader] = set()
-        due = 0.0
+        due = described = 0.0
         while not self._over.is_set():
             if time.monotonic() >= due:
                 self.look()
                 due = time.monotonic() + WAIT_S
+            if time.monotonic() >= described:
+                self._report_unread(bus)
+                described = time.monotonic() + UNREAD_S
             for end in bus.wait(0.0 if more else WAIT_S):
                 if isinstance(end, DdsWriter):
                     self._match(end)
                 else:
                     more.add(end)
             more = self.take(more)
+
+    def _report_unread(self, bus: DdsParticipant) -> None:
+        """Report topics that other nodes publish and that nothing subscribes to."""
+        ends = bus.offered()
+        heard = {end.topic for end in ends if not end.writes}
+        names = {end.topic for end in ends if end.writes} - heard
+        self.core.unread(sorted(n[3:] for n in names if n.startswith("rt/")), "ROS 2")
 
     def take(self, readers: Iterable[DdsReader]) -> set[DdsReader]:
         """Hand what waits to the core in the order of writing; return who may have more."""

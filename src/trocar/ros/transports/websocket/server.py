@@ -436,7 +436,7 @@ class Conversation:
             case Publish():
                 self._publish(client, request)
             case Subscribe():
-                topic = self._topic(request, "pub", request.type)
+                topic = self._topic(client, request, "pub", request.type)
                 if not client.subscribe(topic.name, request):
                     problem = f"subscribe: {MOST_SUBSCRIPTIONS} topics are the most for a client"
                     raise RequestError(problem, request.id)
@@ -450,14 +450,14 @@ class Conversation:
             case CallService():
                 self._call(client, request)
             case Advertise():
-                self._topic(request, "sub", request.type)
+                self._topic(client, request, "sub", request.type)
             case SetLevel():
                 client.level = request.level
             case _:
                 pass
 
     def _publish(self, client: Client, request: Publish) -> None:
-        topic = self._topic(request, "sub")
+        topic = self._topic(client, request, "sub")
         try:
             message = from_json(topic.type, request.msg)
         except MessageError as error:
@@ -467,14 +467,18 @@ class Conversation:
 
     def _topic(
         self,
+        client: Client,
         request: Publish | Subscribe | Advertise,
         direction: Direction,
         kind: str | None = None,
     ) -> Topic:
         """Return the topic that a request names, if it has this direction and type."""
-        topic = self._core.topics.get(plain(request.topic))
+        name = plain(request.topic)
+        topic = self._core.topics.get(name)
         if topic is None:
             problem = "unknown topic; list all with /rosapi/topics"
+            if direction == "sub" and (near := self._core.unread([name], client.peer)):
+                problem = f"unknown topic (did you mean /{near}?); list all with /rosapi/topics"
         elif topic.later:
             problem = "is not there yet"
         elif topic.direction != direction:

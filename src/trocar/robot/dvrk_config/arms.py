@@ -417,7 +417,7 @@ def tool_document(tool: str, instrument: Instrument) -> Document | None:
 
 def _held(instrument: Instrument) -> tuple[DhRow, ...]:
     """Return an instrument's rows with a range for every joint, and a jaw that stays shut."""
-    rows = dict(zip((*WRIST, "jaw"), instrument.rows, strict=True))
+    rows: dict[str, DhRow] = dict(zip((*WRIST, "jaw"), instrument.rows, strict=True))
     still = [*instrument.virtual, *([] if instrument.has_jaw else ["jaw"])]
     for name in still:
         at = rows[name].qmin or 0.0

@@ -71,7 +71,8 @@ def parse(words: Sequence[str]) -> tuple[Namespace, list[Experiment]]:
     options(parser, f"""
         name NAME:name ...        {', '.join(NAMES)}
         --duration S:duration     {of('duration')}: time of each pass, subscription or episode
-                                  (default: 4; interface: 10; soak: 3600; random-actions: 2)
+                                  (default: 4; interface: 10; bilateral: 60; soak: 3600;
+                                  random-actions: 2)
         --passes N:count          {of('passes')}: number of passes (default: 31)
         --seeds N:seeds           {of('seeds')}: robots or trials (default: 20; assistance: 50)
         --only {'|'.join(PARTS)}  {PARTED}: this part (default: all; held is a part of needle)

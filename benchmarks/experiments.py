@@ -232,6 +232,13 @@ EXPERIMENTS = (
         "benchmarks.assistance:assistance_figures",
         {"seeds": "seeds", "output": "output"},
     ),
+    Experiment(
+        "bilateral",
+        "force feedback against walls with delays: force, error, energy (10 minutes on one core)",
+        "benchmarks.bilateral:bilateral",
+        {"duration": "duration_s"},
+        {"duration_s": 60.0},
+    ),
 )
 
 

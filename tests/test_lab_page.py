@@ -11,6 +11,7 @@ import pytest
 
 from trocar.cli import main
 from trocar.descriptions import load_rig
+from trocar.kinematics.forward import pose
 
 PAGE = Path(__file__).parents[1] / "docs" / "your-lab.md"
 TEXT = PAGE.read_text(encoding="utf-8")
@@ -58,3 +59,21 @@ def test_the_rig_of_the_page_is_what_the_page_says(lab: Path) -> None:
 def test_the_picture_of_the_page_is_there() -> None:
     for name in re.findall(r"\]\((images/\S+)\)", TEXT):
         assert (PAGE.parent / name).stat().st_size > 20_000
+
+
+def test_the_custom_instrument_of_the_page_is_imported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    pattern = r"<!-- custom: (\S+) -->\n```json\n(.*?)^```"
+    files = re.findall(pattern, TEXT, re.DOTALL | re.MULTILINE)
+    assert len(files) == 4
+    for name, content in files:
+        (tmp_path / name).write_text(content, encoding="utf-8")
+    (line,) = re.findall(r"`trocar (import-dvrk system-probe[^`]*)`", TEXT)
+    assert main(shlex.split(line)) == 0
+    assert "MY_PROBE:420901 has no jaw" in capsys.readouterr().out
+    arm = load_rig("probe.toml").arm("PSM1").arm
+    tip = pose(arm.mechanism, np.zeros(7), "tip", "wrist_yaw")[:3, 3]
+    assert np.linalg.norm(tip) == pytest.approx(0.01)
+    assert (tmp_path / "probe_psm1_tool.toml").is_file()

@@ -419,8 +419,8 @@ def test_what_is_no_yaml_is_rejected_with_its_line(text: str, message: str, tmp_
 def test_files_that_are_not_there_or_something_else_are_rejected(tmp_path: Path) -> None:
     with pytest.raises(DescriptionError, match=r"none.yaml: cannot be read"):
         load_camera(tmp_path / "none.yaml")
-    with pytest.raises(DescriptionError, match=r"scope.xml: is no calibration; allowed: .toml, "):
-        load_camera(tmp_path / "scope.xml")
+    with pytest.raises(DescriptionError, match=r"scope.json: is no calibration; allowed: .toml, "):
+        load_camera(tmp_path / "scope.json")
     with pytest.raises(InputError, match="got 3 files; allowed: one, or left and right"):
         load_camera(["a.yaml", "b.yaml", "c.yaml"])
 

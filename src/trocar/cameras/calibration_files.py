@@ -1,4 +1,4 @@
-"""Calibration files of ROS and OpenCV: YAML with the calibration of one eye or of two.
+"""Calibration files of ROS and OpenCV: YAML, INI or XML with the calibration of one eye or of two.
 
 ROS has a file of camera_info for each eye. Where two come together, the pose between the eyes is in
 their R and P: both pictures are turned into the same axes by R, and in these the right eye stands
@@ -8,22 +8,33 @@ OpenCV's names are those of its samples `calibration` and `stereo_calib` (the la
 intrinsics and extrinsics into two files; they may be given together). R and T lead from the left
 eye to the right one: p_right = R p_left + T.
 
+Keys are found whatever their case. A key that neither ROS nor OpenCV writes is ignored with a
+warning.
+
 Source: ROS, camera_calibration_parsers and sensor_msgs/CameraInfo; OpenCV 4,
-samples/cpp/calibration.cpp and samples/cpp/stereo_calib.cpp.
+samples/cpp/calibration.cpp, samples/cpp/stereo_calib.cpp and the tutorial camera_calibration.cpp.
 """
 
 from __future__ import annotations
 
+import logging
 import math
-import re
 from collections.abc import Iterable, Sequence
-from functools import lru_cache
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.cameras.calibration_text import (
+    NUMBERS,
+    Keys,
+    numbers_of,
+    parse_ini,
+    parse_xml,
+    parse_yaml,
+)
 from trocar.cameras.records import (
     Calibration,
     Intrinsics,
@@ -34,10 +45,12 @@ from trocar.cameras.records import (
 from trocar.cameras.rectification import CameraInfo, camera_infos, rectified
 from trocar.errors import DescriptionError, InputError
 from trocar.geometry.se3 import inverse, transform
-from trocar.inputs import excess_of, got, read_input
+from trocar.inputs import got, read_input
 from trocar.outputs import check_file, whole_file
 
 Array = NDArray[np.float64]
+
+_log = logging.getLogger("trocar")
 
 #: Source: our own choice, 50 times what a stereo camera takes; PyYAML reads 100 kB a second.
 MOST_BYTES = 200_000
@@ -47,32 +60,56 @@ MODELS = {"plumb_bob": (0, 4, 5), "rational_polynomial": (8,)}
 ROS_SIZE = (("image_width", "width"), ("image_height", "height"))
 ROS_MATRIX, ROS_COEFFICIENTS = ("camera_matrix", "K", "k"), ("distortion_coefficients", "D", "d")
 ROS_TURN, ROS_PROJECTION = ("rectification_matrix", "R", "r"), ("projection_matrix", "P", "p")
+ROS_MODEL = ("distortion_model", "camera_model")
+#: Further keys that ROS writes, without a use here.
+ROS_IDLE = ("camera_name", "header", "binning_x", "binning_y", "roi", "frame_id", "stamp")
 #: R of a file has so many digits that it is a rotation to this. Source: six digits are printed.
 ROUNDED = 1e-4
 #: And one that is exact to this is kept to the last bit. Source: rounding of numbers of size 1.
 EXACT = 1e-12
 #: OpenCV's names of a matrix; the first is what is written.
 OPENCV_ONE = (
-    ("camera_matrix", "cameraMatrix", "K", "mtx"),
-    ("distortion_coefficients", "distCoeffs", "D"),
+    ("camera_matrix", "cameraMatrix", "K", "mtx", "intrinsic_matrix", "intrinsics"),
+    ("distortion_coefficients", "distCoeffs", "D", "dist", "dist_coeffs", "distortion"),
 )
-OPENCV_LEFT = (("M1", "K1", "cameraMatrix1"), ("D1", "distCoeffs1"))
-OPENCV_RIGHT = (("M2", "K2", "cameraMatrix2"), ("D2", "distCoeffs2"))
-OPENCV_SIZES = ("imageSize", "image_size", "size")
+OPENCV_LEFT = (
+    ("M1", "K1", "cameraMatrix1", "camera_matrix_1", "camera_matrix_left", "K_left"),
+    ("D1", "distCoeffs1", "distortion_coefficients_1", "dist_coeffs_left", "D_left"),
+)
+OPENCV_RIGHT = (
+    ("M2", "K2", "cameraMatrix2", "camera_matrix_2", "camera_matrix_right", "K_right"),
+    ("D2", "distCoeffs2", "distortion_coefficients_2", "dist_coeffs_right", "D_right"),
+)
+OPENCV_SIZES = ("imageSize", "image_size", "size", "imgsize", "imsize", "resolution")
+#: Further keys that OpenCV writes, without a use here.
+OPENCV_IDLE = (
+    *("calibration_time", "nframes", "nrOfFrames", "nr_of_frames", "board_width", "board_height"),
+    *("square_size", "marker_size", "flags", "flagValue", "aspectRatio", "fisheye_model"),
+    *("avg_reprojection_error", "per_view_reprojection_errors", "extrinsic_parameters"),
+    *("image_points", "grid_points", "rms", "E", "F", "Q", "R1", "R2", "P1", "P2", "version"),
+    *("fix_aspect_ratio", "validRoi1", "validRoi2", "roi1", "roi2", "camera_name", "R", "T"),
+)
+#: Least similarity of a misspelled key, 0 to 1. Source: our own choice.
+SIMILAR = 0.8
+#: Endings of files.
+SUFFIXES = (".yaml", ".yml", ".xml", ".ini", ".txt")
 
 
 def read_calibration(paths: Sequence[Path]) -> Calibration:
-    """Read a camera from a YAML file of OpenCV or ROS, or from two of the same kind.
+    """Read a camera from a file of OpenCV or ROS, or from two of the same kind.
 
     Args:
-        paths: one file; or ROS's of the left and of the right eye, or OpenCV's intrinsics and
-            extrinsics
+        paths: one file (ROS's INI may hold both eyes); or ROS's of the left and of the right eye,
+            or OpenCV's intrinsics and extrinsics
 
     Raises:
         DescriptionError: a file that cannot be read, or a calibration that no camera has; file,
             entry, what was got and what is allowed are named
     """
-    first, *others = (_read_entries(path) for path in paths)
+    first, *others = (entries for path in paths for entries in _read_entries(path))
+    if len(others) > 1:
+        files = ", ".join(str(path) for path in paths)
+        raise DescriptionError(files, "", f"have {1 + len(others)} cameras; allowed: one or two")
     if not others:
         return _mono_from_ros(first) if _is_ros(first) else _calibration_from_opencv(first)
     (second,) = others
@@ -123,7 +160,24 @@ class _Entries:
         self.data = data
 
     def __contains__(self, key: str) -> bool:
-        return key in self.data
+        return self.spelled(key) is not None
+
+    def spelled(self, *keys: str) -> str | None:
+        """Return the first of some names that the file has, in its own spelling."""
+        for key in keys:
+            if key in self.data:
+                return key
+        plain = {_plain(str(key)): str(key) for key in self.data}
+        return next((plain[_plain(key)] for key in keys if _plain(key) in plain), None)
+
+    def warn_of_others(self, *known: str) -> None:
+        """Warn of keys that are none of the known ones."""
+        plain = {_plain(key): key for key in known}
+        for key in self.data:
+            if _plain(str(key)) not in plain:
+                near = get_close_matches(_plain(str(key)), plain, n=1, cutoff=SIMILAR)
+                hint = f" (did you mean {plain[near[0]]}?)" if near else ""
+                _log.warning("%s: unknown key, ignored: %s%s", self.file, key, hint)
 
     def fail(self, key: str, problem: str) -> DescriptionError:
         """Return the error that names this file, the entry and what is wrong with it."""
@@ -131,11 +185,12 @@ class _Entries:
 
     def has(self, *keys: str) -> bool:
         """Return whether there is an entry by one of these names."""
-        return any(key in self.data for key in keys)
+        return self.spelled(*keys) is not None
 
-    def text(self, key: str, default: str) -> str:
+    def text(self, default: str, *keys: str) -> str:
         """Return a text."""
-        value = self.data.get(key, default)
+        key = self.spelled(*keys)
+        value = None if key is None else self.data[key]
         return default if value is None else str(value)
 
     def whole(self, *keys: str) -> int:
@@ -170,13 +225,22 @@ class _Entries:
         return turn if off < EXACT else nearest
 
     def _one(self, keys: tuple[str, ...]) -> tuple[str, Any]:
+        found = self.spelled(*keys)
+        if found is not None:
+            return found, self.data[found]
         first, *others = keys
-        for key in keys:
-            if key in self.data:
-                return key, self.data[key]
         present = ", ".join(str(key) for key in self.data) or "nothing"
         other = f" (or {', '.join(others)})" if others else ""
-        raise self.fail(first, f"is missing{other}; the file has {present}")
+        raise self.fail(first, f"is missing{other}; the file has {present}{self.like(*keys)}")
+
+    def like(self, *keys: str) -> str:
+        """Return a hint at the file's own key that resembles one of some, "" without any."""
+        plain = {_plain(str(key)): str(key) for key in self.data}
+        for key in keys:
+            near = get_close_matches(_plain(key), plain, n=1, cutoff=SIMILAR)
+            if near:
+                return f"; is {plain[near[0]]!r} misspelled?"
+        return ""
 
     def _numbers(self, key: str, value: Any) -> Array:
         if isinstance(value, dict):
@@ -188,6 +252,8 @@ class _Entries:
             if "cols" in table and (rows, columns) != (0, 0) and rows * columns != found.size:
                 raise self.fail(key, f"has {found.size} numbers, but says {rows} x {columns}")
             return found
+        if isinstance(value, str) and NUMBERS.fullmatch(value):  # an array as it is printed
+            value = numbers_of(value)
         if not isinstance(value, list):
             raise self.fail(key, got(value, "a list or matrix of numbers"))
         flat: list[Any] = []
@@ -200,9 +266,14 @@ class _Entries:
         return np.array(flat, dtype=np.float64)
 
 
+def _plain(key: str) -> str:
+    """Return a key without case, hyphens and underscores."""
+    return key.lower().replace("_", "").replace("-", "").replace(" ", "")
+
+
 def _is_ros(entries: _Entries) -> bool:
     """Return whether a file is ROS's."""
-    return entries.has("projection_matrix", "camera_name", "distortion_model")
+    return entries.has(ROS_PROJECTION[0], "camera_name", *ROS_MODEL)
 
 
 def _mono_from_ros(entries: _Entries) -> MonoCalibration:
@@ -211,7 +282,7 @@ def _mono_from_ros(entries: _Entries) -> MonoCalibration:
     Raises:
         DescriptionError: naming file, entry, what was got and what is allowed
     """
-    return MonoCalibration(_ros_eye(entries), entries.text("camera_name", ""), entries.file)
+    return MonoCalibration(_ros_eye(entries), entries.text("", "camera_name"), entries.file)
 
 
 def _stereo_from_ros(left: _Entries, right: _Entries) -> StereoCalibration:
@@ -249,7 +320,7 @@ def _stereo_from_ros(left: _Entries, right: _Entries) -> StereoCalibration:
             _ros_eye(left),
             _ros_eye(right),
             T,
-            left.text("camera_name", ""),
+            left.text("", "camera_name"),
             f"{left.file}, {right.file}",
             (turns[0], turns[1]),
         )
@@ -290,13 +361,17 @@ def _ros_matrix(key: str, matrix: Array) -> list[str]:
 def _ros_eye(entries: _Entries) -> Intrinsics:
     width, height = (entries.whole(*names) for names in ROS_SIZE)
     K = entries.matrix(3, 3, *ROS_MATRIX)
-    coefficients = (
-        entries.numbers(*ROS_COEFFICIENTS) if entries.has(*ROS_COEFFICIENTS) else np.zeros(0)
+    entries.warn_of_others(
+        *(name for names in ROS_SIZE for name in names),
+        *(*ROS_MATRIX, *ROS_COEFFICIENTS, *ROS_TURN, *ROS_PROJECTION, *ROS_MODEL, *ROS_IDLE),
     )
+    coefficients = _coefficients(entries, ROS_COEFFICIENTS, ROS_MODEL)
     guess = "rational_polynomial" if coefficients.size == 8 else "plumb_bob"
-    model = entries.text("distortion_model", guess) or guess
+    model = entries.text(guess, *ROS_MODEL) or guess
     if model not in MODELS:
-        raise entries.fail("distortion_model", got(model, ", ".join(MODELS)))
+        raise entries.fail(
+            entries.spelled(*ROS_MODEL) or ROS_MODEL[0], got(model, ", ".join(MODELS))
+        )
     if coefficients.size not in MODELS[model]:
         allowed = " or ".join(str(n) for n in MODELS[model] if n)
         raise entries.fail(
@@ -307,6 +382,23 @@ def _ros_eye(entries: _Entries) -> Intrinsics:
         return Intrinsics(width, height, K, coefficients)
     except InputError as problem:
         raise DescriptionError(entries.file, "", str(problem)) from problem
+
+
+def _coefficients(entries: _Entries, names: tuple[str, ...], models: tuple[str, ...] = ()) -> Array:
+    """Return an eye's distortion coefficients, none with a warning where the file has no list.
+
+    Raises:
+        DescriptionError: the list is missing beside a distortion model, or seems misspelled
+    """
+    if entries.has(*names):
+        return entries.numbers(*names)
+    hint, model = entries.like(*names), entries.spelled(*models) if models else None
+    if model is not None or hint:
+        beside = f", which {model} {entries.data[model]!r} needs" if model is not None else ""
+        other = f" (or {', '.join(names[1:])})"
+        raise entries.fail(names[0], f"is missing{beside}{other}{hint}")
+    _log.warning("%s: has no %s: taken as a lens without distortion", entries.file, names[0])
+    return np.zeros(0)
 
 
 def _rectification(entries: _Entries) -> Rectification:
@@ -323,6 +415,9 @@ def _calibration_from_opencv(entries: _Entries) -> Calibration:
     Raises:
         DescriptionError: naming file, entry, what was got and what is allowed
     """
+    eyes = (*OPENCV_ONE, *OPENCV_LEFT, *OPENCV_RIGHT)
+    known = (name for names in (*eyes, OPENCV_SIZES, OPENCV_IDLE) for name in names)
+    entries.warn_of_others(*known, "image_width", "image_height")
     if not entries.has(*OPENCV_LEFT[0]) and not entries.has(*OPENCV_RIGHT[0]):
         return MonoCalibration(_opencv_eye(entries, OPENCV_ONE), "", entries.file)
     left, right = _opencv_eye(entries, OPENCV_LEFT), _opencv_eye(entries, OPENCV_RIGHT)
@@ -363,7 +458,7 @@ def _opencv_matrix(key: str, matrix: Array) -> list[str]:
 def _opencv_eye(entries: _Entries, names: tuple[tuple[str, ...], tuple[str, ...]]) -> Intrinsics:
     width, height = _opencv_size(entries)
     K = entries.matrix(3, 3, *names[0])
-    coefficients = entries.numbers(*names[1]) if entries.has(*names[1]) else np.zeros(0)
+    coefficients = _coefficients(entries, names[1])
     try:
         return Intrinsics(width, height, K, coefficients)
     except InputError as problem:
@@ -387,78 +482,24 @@ def _opencv_size(entries: _Entries) -> tuple[int, int]:
     return entries.whole("image_width"), entries.whole("image_height")
 
 
-def _read_entries(path: Path) -> _Entries:
-    if path.suffix.lower() not in (".yaml", ".yml"):
+def _read_entries(path: Path) -> list[_Entries]:
+    """Return the keys of a file's cameras; one but for ROS's INI, which may have two."""
+    kind, file = path.suffix.lower(), str(path)
+    if kind not in SUFFIXES:
         raise DescriptionError(
-            str(path), "", "is no calibration; allowed: .toml, .yaml, .yml (or a preset's name)"
+            file,
+            "",
+            f"is no calibration; allowed: {', '.join(('.toml', *SUFFIXES))} (or a preset's name)",
         )
     try:
-        text = read_input(path, MOST_BYTES).decode()
+        text = read_input(path, MOST_BYTES).decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as problem:
-        raise DescriptionError(str(path), "", f"cannot be read: {problem}") from problem
-    return _Entries(_parse_yaml(text, str(path)), str(path))
-
-
-def _parse_yaml(text: str, file: str) -> dict[str, Any]:
-    """Return keys and values of a YAML file, of the first document where it has several."""
-    import yaml  # takes 10 ms; presets need none
-
-    try:
-        # OpenCV writes "%YAML:1.0", which is not YAML's "%YAML 1.0"; a comment keeps line numbers.
-        documents: list[object] = list(yaml.load_all(re.sub(r"^%YAML:", "#", text), _loader()))
-    except yaml.MarkedYAMLError as problem:
-        mark = problem.problem_mark
-        where = f"line {mark.line + 1}" if mark is not None else ""
-        raise DescriptionError(file, where, f"is not YAML: {problem.problem}") from problem
-    except RecursionError as problem:
-        raise DescriptionError(file, "", "is not YAML: is nested too deeply") from problem
-    except (yaml.YAMLError, ValueError) as problem:
-        reason = str(problem).partition("\n")[0]
-        raise DescriptionError(file, "", f"is not YAML: {reason}") from problem
-    value = documents[0] if documents else None
-    if excess := excess_of(value):
-        raise DescriptionError(file, "", excess)
-    if value is None:
-        raise DescriptionError(file, "", "is empty; allowed: a camera's calibration in YAML")
-    if not isinstance(value, dict):
-        raise DescriptionError(file, "", got(value, "keys with values"))
-    return cast(dict[str, Any], value)
-
-
-@lru_cache(maxsize=1)
-def _loader() -> Any:
-    """Return PyYAML's safe loader with OpenCV's tags and without repeated keys."""
-    import yaml
-
-    class Loader(yaml.SafeLoader):
-        def compose_node(self, parent: Any, index: Any) -> Any:
-            events: Any = self  # its methods have no types
-            if events.check_event(yaml.AliasEvent):  # a few stand for any amount of data
-                raise yaml.MarkedYAMLError(
-                    None, None, "has an alias (*name)", events.peek_event().start_mark
-                )
-            return super().compose_node(parent, index)
-
-        def construct_mapping(self, node: Any, deep: bool = False) -> Any:
-            seen: set[str] = set()
-            for key, _ in node.value if isinstance(node, yaml.MappingNode) else ():
-                name = str(key.value)
-                if name in seen:
-                    raise yaml.constructor.ConstructorError(
-                        None, None, f"has {name!r} a second time", key.start_mark
-                    )
-                seen.add(name)
-            return super().construct_mapping(node, deep)
-
-    extended: Any = Loader  # its methods have no types
-    extended.add_multi_constructor("tag:yaml.org,2002:opencv-", _tagged_mapping)
-    # Python writes 1e-05, a number in YAML 1.2 and a text in PyYAML's YAML 1.1.
-    number = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
-    extended.add_implicit_resolver("tag:yaml.org,2002:float", number, list("-+.0123456789"))
-    return extended
-
-
-def _tagged_mapping(loader: Any, suffix: str, node: Any) -> Any:
-    """Return OpenCV's tagged matrix as if it had no tag."""
-    del suffix
-    return loader.construct_mapping(node, deep=True)
+        raise DescriptionError(file, "", f"cannot be read: {problem}") from problem
+    found: list[Keys]
+    if kind in (".ini", ".txt"):
+        found = parse_ini(text, file)
+    elif kind == ".xml":
+        found = [parse_xml(text, file)]
+    else:
+        found = [parse_yaml(text, file)]
+    return [_Entries(keys, file) for keys in found]

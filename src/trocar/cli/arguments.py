@@ -66,6 +66,17 @@ def duration(text: str) -> float:
     return value
 
 
+def speed(text: str) -> float | str:
+    """Parse a speed of simulated time: "realtime", "max", or a positive factor of real time."""
+    if text in ("realtime", "max"):
+        return text
+    value = float(text) if _is_number(text) else 0.0
+    if not 0.0 < value < float("inf"):
+        allowed = "realtime, max, or a factor of real time above 0, e.g. 0.2 for slow motion"
+        raise argparse.ArgumentTypeError(f"got {text!r}; allowed: {allowed}")
+    return value
+
+
 def _is_number(text: str) -> bool:
     try:
         float(text)
@@ -92,9 +103,9 @@ def options(parser: Arguments, table: str, **types: Callable[[str], Any]) -> Non
     Args:
         parser: parser or argument group
         table: the rows, parted from their help by two spaces
-        types: converters by name, beside int, number and duration
+        types: converters by name, beside int, number, duration and speed
     """
-    types = {"int": int, "number": number, "duration": duration, **types}
+    types = {"int": int, "number": number, "duration": duration, "speed": speed, **types}
     for row in re.split(r"\n(?=\S)", textwrap.dedent(table).strip()):
         spec, text = re.split(r"\s{2,}", row, maxsplit=1)
         found = ROW.fullmatch(spec)

@@ -67,7 +67,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         --video FILE            write an MP4 video of the endoscope (extra video)
         --duration S:duration   stop serving, or with --headless each episode, after S simulated
                                 seconds
-        --speed realtime|max    of serving: real time, or as fast as possible (default: realtime)
+        --speed SPEED:speed     of serving: realtime (default); max, as fast as possible; or a
+                                factor of real time: 0.2 is slow motion
         --set KEY=VALUE ... as settings
                                 value of a key of the scene's file by its dotted path, as
                                 time_limit_s=90 or pad.stitches=4; for several keys more than once
@@ -167,8 +168,8 @@ def _allow(args: Namespace) -> None:
         allow(args, "with --headless", *names)
         return
     allow_headless(args)
-    if args.speed == "realtime":
-        raise InputError("--speed: got realtime with --headless; allowed: max")
+    if args.speed not in (None, "max"):
+        raise InputError(f"--speed: got {args.speed} with --headless; allowed: max")
     if args.cluster not in (None, "local"):
         allow(args, "without --cluster HOST:PORT", "workers")
     if args.record_images or args.video or args.register == "image":

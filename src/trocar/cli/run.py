@@ -1,8 +1,8 @@
 """Run a dVRK Python script (import crtk, dvrk) without ROS.
 
 Words after the script name that are not options of this command are passed to the script, as is
-everything after `--`. With --speed max, the script's sleeps, rates and waits run in simulated time,
-as fast as possible and reproducible bit by bit. The exit status is the script's, 1 if it raises.
+everything after `--`. With --speed max or a factor, the script's sleeps, rates and waits run in
+simulated time, reproducible bit by bit. The exit status is the script's, 1 if it raises.
 See docs/scripts.md.
 """
 
@@ -69,7 +69,8 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def _add_options(parser: ArgumentParser) -> None:
     options(parser, f"""
-        --speed realtime|max = realtime  realtime, or max: simulated time as fast as possible
+        --speed SPEED:speed = realtime   realtime; max, simulated time as fast as possible; or a
+                                         factor of real time: 0.2 is slow motion
         --timeout S:number               abort after S seconds of simulated time, or S seconds of
                                          wall time without progress
         --rate HZ:number = {RATE_HZ}     publication rate of states (default: {RATE_HZ:g}, as on the
@@ -98,8 +99,8 @@ def run(args: Namespace) -> int:
         raise InputError(f"{script}: no such file")
     if args.rig is None:
         args.rig = rig_for(script.read_bytes(), args.arguments)
-    if args.page and args.speed == "max":
-        raise InputError("--page: got --speed max; allowed: --speed realtime")
+    if args.page and args.speed != "realtime":
+        raise InputError(f"--page: got --speed {args.speed}; allowed: --speed realtime")
     if not args.page:
         allow(args, "with --page", "port")
     allow_overwrite(args, "record")
@@ -127,13 +128,14 @@ def _flow(world: World, args: Namespace, page: ScriptPage | None) -> Flow:
     from trocar.teleoperation import components
 
     def draw(loop: Loop) -> Pictures | None:
-        return open_pictures(loop, args, stepped=args.speed == "max")
+        return open_pictures(loop, args, stepped=args.speed != "realtime")
 
     rates: dict[str, float] = {"rate_hz": args.rate}
     if args.camera_rate is not None:
         rates["camera_rate_hz"] = args.camera_rate
-    if args.speed == "max":
-        return Stepped(world, args.timeout, components, draw, **rates)
+    if args.speed != "realtime":
+        pace = None if args.speed == "max" else args.speed
+        return Stepped(world, args.timeout, components, draw, pace, **rates)
     begin = Loop.start if page is None else page.begin
     live = Live(world, begin, components, draw, **rates)
     live.loop.while_running = recording(world, args)

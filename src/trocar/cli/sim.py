@@ -40,7 +40,8 @@ def add_arguments(parser: ArgumentParser) -> None:
     options(parser, """
         --headless             run without web viewer and clients, and print a report
         --duration S:duration  stop after S seconds of simulated time (headless default: 10)
-        --speed realtime|max   real time, or as fast as possible (default: realtime, headless: max)
+        --speed SPEED:speed    realtime; max, as fast as possible; or a factor of real time: 0.2 is
+                               slow motion (default: realtime, headless: max)
     """)  # fmt: skip
     add_json(parser)
     world = add_world(parser)
@@ -67,6 +68,8 @@ def run(args: Namespace) -> int:
         world = make_world(args, args.tip_load)
         serve(world, args)
         return 0
+    if isinstance(args.speed, float):
+        raise InputError(f"--speed: got {args.speed:g} with --headless; allowed: realtime, max")
     from trocar.robot.verification.speed import run_headless
 
     with ExitStack() as stack:

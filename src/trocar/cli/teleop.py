@@ -44,11 +44,15 @@ from __future__ import annotations
 import sys
 from argparse import ArgumentParser, Namespace
 from contextlib import closing
+from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import allow_overwrite, options
+from trocar.cli.arguments import allow, allow_overwrite, options
 from trocar.cli.serving import add_serving, serve
 from trocar.cli.worlds import add_record, add_world, make_world
 from trocar.errors import InputError
+
+if TYPE_CHECKING:
+    from trocar.teleoperation.force_feedback import FeedbackSettings
 
 SUMMARY = "teleoperate by keyboard, gamepad, SpaceMouse or masters"
 ORDER = 40
@@ -74,6 +78,19 @@ def add_arguments(parser: ArgumentParser) -> None:
                                             it)
         --duration S:number                 stop after S seconds of simulated time
     """)  # fmt: skip
+    feedback = parser.add_argument_group("force feedback to the masters (docs/teleoperation.md)")
+    options(feedback, """
+        --feedback position-force|position-position  exert forces at the masters: of the
+                                       instrument's contact, or towards where the instrument is
+                                       (default: none)
+        --feedback-scale SCALE:number  force at the hand over that at the instrument (default: 1)
+        --delay S:number               delay between console and instrument, each way (default: 0)
+        --feedback-source contact|efforts  force on the instrument: of its contacts in the
+                                       simulation, or estimated from its motors' efforts (default:
+                                       contact)
+        --no-passivity                 do not limit the energy that the feedback gives to the hand
+        --feedback-real                also at real masters
+    """)  # fmt: skip
     add_world(parser, None, f"{RIG}, for masters {RIG_OF_MASTERS}")
     add_record(parser)
     parser.set_defaults(speed="realtime")
@@ -95,7 +112,7 @@ def run(args: Namespace) -> int:
         raise InputError(f"--duration: got {args.duration:g}; allowed: above 0 s")
     args.rig = args.rig or (RIG_OF_MASTERS if kind == "masters" else RIG)
     allow_overwrite(args, "record", "foxglove_record")
-    with closing(Session(kind, args.arm, args.scale, args.motion)) as session:
+    with closing(Session(kind, args.arm, args.scale, args.motion, _feedback(args))) as session:
         world = make_world(args)
         if args.pose is not None or POSE in world.rig.poses:
             world.reset(pose=args.pose or POSE)
@@ -105,6 +122,23 @@ def run(args: Namespace) -> int:
             print(f"  {line.touch:<26} {line.does}")
         serve(world, args, session)
     return 0
+
+
+def _feedback(args: Namespace) -> FeedbackSettings | None:
+    """Return the settings of the force feedback, None without any."""
+    from trocar.teleoperation.force_feedback import FeedbackSettings
+
+    if args.feedback is None:
+        names = ("feedback_scale", "delay", "feedback_source", "no_passivity", "feedback_real")
+        allow(args, "with --feedback", *names)
+        return None
+    given = {"scale": args.feedback_scale, "delay": args.delay, "source": args.feedback_source}
+    return FeedbackSettings(
+        args.feedback,
+        **{name: value for name, value in given.items() if value is not None},
+        passive=not args.no_passivity,
+        real_masters=args.feedback_real,
+    )
 
 
 def _device_of(rig: str | None) -> str:

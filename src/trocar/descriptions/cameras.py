@@ -52,9 +52,9 @@ def load_camera(source: Source) -> Calibration:
     """Load a camera.
 
     Args:
-        source: a preset ("hd_1280x720"); a TOML file of the same kind; a YAML file of OpenCV's, or
-            of ROS's camera_info for one eye; or two files, ROS's of the left and of the right eye,
-            or OpenCV's intrinsics and extrinsics
+        source: a preset ("hd_1280x720"); a TOML file of the same kind; a YAML or XML file of
+            OpenCV's, or YAML or INI of ROS's camera_info; or two files, ROS's of the left and of
+            the right eye, or OpenCV's intrinsics and extrinsics
 
     Raises:
         UnknownNameError: no such preset; the known ones are listed

@@ -56,7 +56,8 @@ class Loop:
 
     Args:
         world: is stepped; used by the loop alone while it runs
-        speed: "realtime" keeps to the wall clock, "max" runs as fast as it goes
+        speed: "realtime" keeps to the wall clock, "max" runs as fast as it goes; a number is a
+            factor of real time: 0.2 is slow motion
         tick_s: simulated time between two tick boundaries [s], a whole multiple of the timestep;
             when omitted, the one nearest to TICK_S
         clock: the wall clock; tests bring their own
@@ -73,25 +74,27 @@ class Loop:
         self,
         world: World,
         *,
-        speed: Literal["realtime", "max"] = "realtime",
+        speed: Literal["realtime", "max"] | float = "realtime",
         tick_s: float | None = None,
         clock: Clock | None = None,
         on_apply: Callable[[int, Command], None] | None = None,
     ) -> None:
-        if speed not in ("realtime", "max"):
+        if isinstance(speed, str) and speed not in ("realtime", "max"):
             raise UnknownNameError("speed", speed, ("realtime", "max"))
+        if not isinstance(speed, str) and not 0.0 < speed < float("inf"):
+            raise InputError(f"speed: got {speed:g}; allowed: above 0, realtime or max")
         self._world = world
         if tick_s is None:
             tick_s = nearest_tick(TICK_S, world.timestep)
         self._known = {*world.arms, *world.objects, WORLD}
         self._substeps = whole_steps(tick_s, world.timestep)
         self._tick_s = tick_s
-        self._realtime = speed == "realtime"
+        self._realtime, self._factor = speed != "max", 1.0 if isinstance(speed, str) else speed
         self._clock = clock or WallClock()
         self._on_apply = on_apply
         self._inbox = Inbox(self._clock.now)
         self._inbox.drop = self._drop
-        self._pace = Pace(self._clock, tick_s)
+        self._pace = Pace(self._clock, tick_s / self._factor)
         self._longest = max(1, round(PATIENCE_S / tick_s))
         self._posted = Wakeup()
         self._stopping = threading.Event()
@@ -367,7 +370,8 @@ class Loop:
     def _elapsed(self) -> Elapsed:
         simulated = self._ticks * self._tick_s + self._stepped * self._world.timestep
         due_s = self._pace.due_s if self._realtime or self._paused else None
-        return Elapsed(simulated, self._pace.let_go_s, self._paused, self._stepped, due_s)
+        let_go_s = self._factor * self._pace.let_go_s
+        return Elapsed(simulated, let_go_s, self._paused, self._stepped, due_s)
 
     def _restart(self) -> None:
         self._pace.restart()

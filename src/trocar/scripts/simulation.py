@@ -246,6 +246,7 @@ class Stepped:
         limit_s: simulated time after which the script has to be over [s]; None: none
         parts: makes what is served beside the arms, of the loop
         draw: makes what draws for the cameras, of the loop
+        pace: simulated time over wall time, if the machine keeps up; None: as fast as it goes
         rates: `rate_hz` and the like of the `Core`
 
     Attributes:
@@ -262,9 +263,10 @@ class Stepped:
         limit_s: float | None = None,
         parts: Parts = lambda _: (),
         draw: Draw = lambda _: None,
+        pace: float | None = None,
         **rates: Any,
     ) -> None:
-        self.world = world
+        self.world, self._pace, self._begun = world, pace, 0.0
         self._clock = TickClock()
         tick_s = nearest_tick(SERVER_TICK_S, world.timestep)
         self._loop = Loop(world, speed="max", tick_s=tick_s, clock=self._clock)
@@ -347,6 +349,8 @@ class Stepped:
         self._loop.tick(ticks)
         self._clock.sleep(ticks * self._loop.tick_s)
         self.steps += ticks
+        if self._pace is not None:
+            self._keep_to(self._pace)
         if self._beat.due(self.simulated_s):
             self.core.publish_waiting()
         while self._calls:
@@ -357,6 +361,13 @@ class Stepped:
                 if problem is self.scheduler.failure:
                     raise
                 complain()
+
+    def _keep_to(self, pace: float) -> None:
+        """Wait until wall time has come to simulated time over `pace`; lost time is not made up."""
+        now = time.perf_counter()
+        due = self._begun + self.simulated_s / pace
+        self._begun = max(self._begun, now - self.simulated_s / pace)
+        time.sleep(max(0.0, due - now))
 
     def _ticks(self, most_ns: int | None) -> int:
         """Return the number of ticks to step together: waiting commands act in the first."""

@@ -28,6 +28,7 @@ from trocar.teleoperation.component import (
 )
 from trocar.teleoperation.devices import PEDAL_KEYS
 from trocar.teleoperation.ecm import EcmTeleoperation
+from trocar.teleoperation.force_feedback import FeedbackSettings, ForceFeedback
 from trocar.teleoperation.masters import ArmMaster, Master
 from trocar.teleoperation.psm import PsmTeleoperation
 from trocar.teleoperation.slave import HandleMover
@@ -274,6 +275,9 @@ class Teleoperation:
             for name, arm in self.world.arms.items()
             if arm.description.type == "MTM"
         }
+        for one in self.components.values():
+            if isinstance(one, PsmTeleoperation):
+                one.carried = partial(self._carried, one.masters[0].name)
         self.players: list[MasterDriver] = []
         self.console = Console(self.components)
         self.pedals = Pedals(self.console, self.call)
@@ -298,6 +302,34 @@ class Teleoperation:
     def command(self, act: Callable[[], object], stream: str = "") -> Command:
         """Return the command that calls a function in the loop's thread; arguments as of `call`."""
         return Command(WORLD, "teleoperate", stream=stream, act=lambda _: act())
+
+    def set_feedback(self, settings: FeedbackSettings | None) -> list[str]:
+        """Switch force feedback to every master that exerts forces; call it before the loop runs.
+
+        Args:
+            settings: None switches it off
+
+        Returns:
+            names of the components that have it
+
+        Raises:
+            InputError: no master of an instrument may exert it
+        """
+        able: list[PsmTeleoperation] = []
+        for one in self.components.values():
+            if isinstance(one, PsmTeleoperation):
+                one.feedback, master = None, one.masters[0]
+                real = master.name not in self.world.arms
+                if settings is not None and master.exerts and (settings.real_masters or not real):
+                    one.feedback = ForceFeedback(self.world, one.description.slave, settings)
+                    able.append(one)
+        if settings is not None and not able:
+            raise InputError(
+                f"force feedback: rig {self.world.rig.name} has no simulated master that moves an"
+                " instrument; allowed: a rig with [[teleop]], e.g. full_cart_mtm, or real masters"
+                " with --feedback-real"
+            )
+        return [one.name for one in able]
 
     # ------------------------------------------------------------------ in the loop's thread
 
@@ -327,6 +359,9 @@ class Teleoperation:
 
     def refused(self, command: Command, reason: str) -> None:
         """Do nothing: the loop warns the sender."""
+
+    def _carried(self, name: str) -> bool:
+        return name in self.carriers and self.carriers[name].busy
 
     def _master(self, name: str, given: Mapping[str, Master]) -> Master:
         if name in given:

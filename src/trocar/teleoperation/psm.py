@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -14,6 +14,7 @@ from trocar.descriptions.teleops import TeleopDescription
 from trocar.geometry.rotations import angle_between
 from trocar.geometry.se3 import transform
 from trocar.teleoperation.component import ALIGNING, ENABLED, SETTING, TeleopComponent
+from trocar.teleoperation.force_feedback import ForceFeedback
 from trocar.teleoperation.masters import Master, MasterReading
 from trocar.teleoperation.slave import Slave, base_in_view
 from trocar.teleoperation.virtual_fixtures import Fixtures
@@ -128,6 +129,8 @@ class PsmTeleoperation(TeleopComponent):
         align: whether the master turns as the tool is turned, before it moves it
         offset: rotation from the handle to the tip as the surgeon sees both, (3, 3)
         fixtures: virtual fixtures of the instrument, None without any
+        feedback: force feedback to the hand, None without any
+        carried: returns whether the page or a recording moves the handle, so that no force can
         wrench: of a client on the hand while the tool follows, in axes of the handle, (6,)
             [N, N m], None without any
     """
@@ -148,8 +151,11 @@ class PsmTeleoperation(TeleopComponent):
         self.align = description.align
         self.offset = np.eye(3)
         self.fixtures: Fixtures | None = None
+        self.feedback: ForceFeedback | None = None
+        self.carried: Callable[[], bool] = lambda: False
         self.wrench: Array | None = None
         self._T_world_view = np.eye(4)
+        self._carried_since = False  # then the arm holds the handle
         self._hand = HandDetector(description.gripper_threshold, description.roll_threshold)
         self._after_pause = False
         self._slave: Slave | None = None
@@ -244,6 +250,9 @@ class PsmTeleoperation(TeleopComponent):
         self.offset = self._from[:3, :3].T @ self._to[:3, :3]
         self._reason, self._jaw = "", None
         self._T_world_view = self.world.reference_pose(self._slave.name) @ self._slave.T_base_view
+        self._carried_since = False
+        if self.feedback is not None:
+            self.feedback.restart(self._T_world_view[:3, :3], self.scale)
         arm = self.world.arm(self.description.slave)
         if not self.description.ignore_jaw and arm.jaw is not None:
             limits = float(arm.joints.lower[-1]), float(arm.joints.upper[-1])
@@ -254,9 +263,11 @@ class PsmTeleoperation(TeleopComponent):
         reading = readings[0]
         if self._slave is None:
             return
-        goal, wrench = self.goal(reading.T), self.wrench
+        goal, wrench, gripper = self.goal(reading.T), self.wrench, reading.gripper
+        if self.feedback is not None:
+            goal, gripper, wrench = self._felt(self.feedback, reading, goal, period_s)
         if self.fixtures is not None:
-            goal, wrench = self._guided(self.fixtures, reading, goal)
+            goal, wrench = self._guided(self.fixtures, reading, goal, wrench)
         if wrench is not None:
             self.masters[0].exert(self.world, wrench)
         reason = self._slave.follow(goal, period_s)
@@ -266,14 +277,32 @@ class PsmTeleoperation(TeleopComponent):
                 self._reason, self._reported = reason, self.world.time
                 self.report("warning", f"{self.description.slave} cannot follow: {reason}")
         jaw = self.world.arm(self.description.slave).jaw
-        if self._jaw is not None and jaw is not None and reading.gripper is not None:
-            jaw.servo_jp([self._jaw.follow(reading.gripper, period_s)])
+        if self._jaw is not None and jaw is not None and gripper is not None:
+            jaw.servo_jp([self._jaw.follow(gripper, period_s)])
+
+    def _felt(
+        self, feedback: ForceFeedback, reading: MasterReading, goal: Array, period_s: float
+    ) -> tuple[Array, float | None, Array | None]:
+        """Return goal and gripper that arrive at the instrument, and the wrench on the hand."""
+        slave, T, gripper = self._slave, reading.T, reading.gripper
+        if slave is None:
+            return goal, gripper, self.wrench
+        arrived = feedback.arriving(np.append(goal.ravel(), 0.0 if gripper is None else gripper))
+        wrench = self.wrench
+        if not self.translation_locked:
+            force = feedback.on_hand(T[:3, 3], goal[:3, 3], slave.measured[:3, 3], period_s)
+            self._carried_since = self._carried_since or self.carried()
+            if not self._carried_since:
+                wrench = np.zeros(6) if wrench is None else wrench.copy()
+                wrench[:3] += T[:3, :3].T @ force
+        gripper = None if gripper is None else float(arrived[-1])
+        return arrived[:-1].reshape(4, 4), gripper, wrench
 
     def _guided(
-        self, fixtures: Fixtures, reading: MasterReading, goal: Array
+        self, fixtures: Fixtures, reading: MasterReading, goal: Array, wrench: Array | None
     ) -> tuple[Array, Array | None]:
-        """Return the goal that filters leave, and the wrench of client and fixtures on the hand."""
-        wrench, slave, T = self.wrench, self.description.slave, self._T_world_view
+        """Return the goal that filters leave, and the wrench with that of fixtures on the hand."""
+        slave, T = self.description.slave, self._T_world_view
         p = T[:3, :3] @ goal[:3, 3] + T[:3, 3]
         if fixtures.acts_on(slave, "force"):
             wrench = np.zeros(6) if wrench is None else wrench.copy()

@@ -8,6 +8,8 @@ from html import escape
 from math import radians
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from trocar.descriptions.records import RigDescription
 from trocar.descriptions.teleops import TeleopDescription
 from trocar.errors import InputError, UnknownNameError
@@ -23,8 +25,10 @@ from trocar.teleoperation.devices import (
     table,
 )
 from trocar.teleoperation.engine import Teleoperation
+from trocar.teleoperation.force_feedback import FeedbackSettings
 from trocar.teleoperation.masters import HandOf, Master, VirtualMaster
 from trocar.teleoperation.motion import MasterMotion, MotionPlayer
+from trocar.teleoperation.psm import PsmTeleoperation
 from trocar.teleoperation.remote_master import engine_and_components
 from trocar.teleoperation.topics import KEYS, PAD, component, input_component, pedal_component
 from trocar.teleoperation.virtual_fixtures import Fixtures
@@ -174,6 +178,7 @@ class Session:
         arm: the first instrument to use; the rig's first when omitted
         scale: factor of a device's speeds, or ratio of the masters' way; as usual when omitted
         motion: a recording whose masters' motion carries the simulated masters
+        feedback: force feedback to the masters; None: none
 
     Attributes:
         device, engine: once components are made; a session of masters has no device
@@ -190,6 +195,7 @@ class Session:
         arm: str | None = None,
         scale: float | None = None,
         motion: str | None = None,
+        feedback: FeedbackSettings | None = None,
     ) -> None:
         if kind is not None and kind not in TABLES:
             raise UnknownNameError("device", kind, TABLES)
@@ -197,7 +203,10 @@ class Session:
             raise InputError(f"--scale: got {scale:g}; allowed: above 0 to 1")
         if motion is not None and kind != "masters":
             raise InputError("--motion: allowed with --device masters only")
+        if feedback is not None and kind != "masters":
+            raise InputError("--feedback: allowed with --device masters only")
         self._kind, self._arm, self._scale = kind, arm, scale
+        self._feedback = feedback
         self._source = SOURCES[kind]() if kind in SOURCES else None
         self._motion = None if motion is None else MasterMotion.read(motion)
         self.device: Device | None = None
@@ -287,11 +296,13 @@ class Session:
                     f"--arm, --scale: rig {loop.world.rig.name} has no instrument that its masters "
                     "move; allowed: a rig with [[teleop]], e.g. full_cart_mtm"
                 )
+            engine.set_feedback(self._feedback)
             if self._motion is not None:
                 engine.players.append(MotionPlayer(engine, self._motion))
             return pedals, Component({}, lambda _: engine.start())
         engine, parts = engine_and_components(loop, fixtures)
         self.engine = engine
+        engine.set_feedback(self._feedback)
         if self._kind is not None:
             if self._scale is not None:
                 engine.console.set_scale(self._scale)
@@ -335,6 +346,9 @@ def status(engine: Teleoperation, scale: float = 1.0) -> str:
     for name in engine.console.selected:
         one = engine.components[name]
         follows = ", follows" if one.following else ", clutch" if one.clutched else ""
+        if isinstance(one, PsmTeleoperation) and one.feedback is not None and one.following:
+            size, energy = float(np.linalg.norm(one.feedback.force)), one.feedback.passivity.energy
+            follows += f", {size:.2f} N at the hand, {1e3 * energy:.1f} mJ"
         colour = COLOURS.get(one.current, "#e67700")
         found.append(
             f'<div><b>{escape(name)}</b> <span style="color:{colour}">{one.current}{follows}</span>'

@@ -84,6 +84,11 @@ class Slave:
         """The commanded pose of the tip as the surgeon sees it, (4, 4)."""
         return self._T_view_base @ self._tip(self._commanded)
 
+    @property
+    def measured(self) -> Array:
+        """The measured pose of the tip as the surgeon sees it, (4, 4)."""
+        return self._T_view_base @ self._world.frames.measured(self.name)
+
     def follow(self, T: Array, period_s: float) -> str:
         """Bring the tip to a pose as the surgeon sees it, (4, 4), within a period [s].
 

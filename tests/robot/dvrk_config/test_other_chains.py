@@ -118,7 +118,7 @@ def test_an_instrument_that_trocar_has_stays_its_own_where_the_file_agrees(tmp_p
     ("change", "said"),
     [
         ({"DH": {"convention": "modified", "joints": lab.PSM}}, "unsupported chain of"),
-        ({"tooltip-offset": np.eye(4).tolist()}, r"tooltip-offset: got .*; allowed: \[\[0.0, -1"),
+        ({"tooltip-offset": np.diag([2.0, 1, 1, 1]).tolist()}, r"tooltip-offset: got .* rotation"),
         ({"coupling": {"ActuatorToJointPosition": [[1.0]]}}, "allowed: 4 rows of 4 numbers"),
         ({"jaw": {"qmax": 1.0}}, "jaw.qmin: is missing"),
     ],

@@ -19,7 +19,7 @@ from trocar.geometry.se3 import inverse, transform
 from trocar.kinematics.forward import pose
 from trocar.robot.dvrk_config.arms import largest_gap, last_row
 from trocar.robot.dvrk_config.setup_joints import CART
-from trocar.robot.dvrk_config.system import TOOL_TIP, DhRows, Lab, LabArm, SetupArm
+from trocar.robot.dvrk_config.system import DhRows, Lab, LabArm, SetupArm
 
 Array = NDArray[np.float64]
 
@@ -125,7 +125,7 @@ def _tip(arm: LabArm, rig: RigDescription, q: Array) -> Array:
         return row @ arm.endoscope.T_row_tip
     if arm.instrument is not None:
         tool = DhRows("modified", arm.instrument.rows[:3])
-        return row @ tool.tip(q[own.own_joints - 3 : own.own_joints]) @ np.array(TOOL_TIP)
+        return row @ tool.tip(q[own.own_joints - 3 : own.own_joints]) @ arm.instrument.tip
     return pose(own.mechanism, q)
 
 

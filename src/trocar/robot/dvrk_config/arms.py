@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from msgspec import structs
 from numpy.typing import NDArray
 
 from trocar.descriptions import ArmDescription, load_arm, names
@@ -23,7 +24,14 @@ from trocar.geometry.se3 import inverse, pose_difference, transform, transform_p
 from trocar.kinematics.forward import pose, poses
 from trocar.kinematics.mechanism import Mechanism
 from trocar.robot.dvrk_config.files import DhRow, Gain
-from trocar.robot.dvrk_config.system import SAME_LENGTH, DhRows, Instrument, LabArm
+from trocar.robot.dvrk_config.system import (
+    SAME_LENGTH,
+    TOOL_TIP,
+    WRIST,
+    DhRows,
+    Instrument,
+    LabArm,
+)
 
 Array = NDArray[np.float64]
 Document = dict[str, Any]
@@ -140,6 +148,12 @@ SAME_CHAIN = 3e-5
 #: Rotation about the shaft of the last row of the dVRK's PSM from trocar's, at which the frames of
 #: a tool begin (psm.toml) [rad].
 ROW_TURN = -np.pi / 2.0
+#: Rotation of the last row of the dVRK's instruments from trocar's wrist yaw. Source: the tools'
+#: frame `tip`, which is this times TOOL_TIP.
+YAW_TURN = np.diag([-1.0, -1.0, 1.0, 1.0])
+#: Joints without a range move by this to both sides, so that they can be simulated. Source: our own
+#: choice: 1 um at the end of a jaw. [rad]
+HELD = 5e-5
 #: Gains of an Si where no file has them. Source: share/pid/sawControllersPID-{PSM,ECM}-Si.json.
 SI_GAINS = {
     "PSM": {"yaw": (600.0, 0.0, 30.0), "pitch": (600.0, 0.0, 30.0), "insertion": (6e3, 0.0, 200.0)},
@@ -196,6 +210,7 @@ class Files:
         folder: where they are built
         stem: what their names begin with
         names: those that were written
+        sources: {name: the lab's file that its numbers are from}
         notes: remarks for the user
         stand_ins: arms whose masses and shapes are not known
     """
@@ -203,12 +218,20 @@ class Files:
     folder: Path
     stem: str
     names: list[str] = field(default_factory=list[str])
+    sources: dict[str, str] = field(default_factory=dict[str, str])
     notes: list[str] = field(default_factory=list[str])
     stand_ins: list[str] = field(default_factory=list[str])
 
-    def write(self, name: str, document: Document) -> str:
-        """Write a document, and return its name as a rig beside it calls it."""
+    def write(self, name: str, document: Document, source: str = "") -> str:
+        """Write a document, and return its name as a rig beside it calls it.
+
+        Args:
+            name: after the stem
+            document: its content
+            source: the lab's file that its numbers are from; "": the system's
+        """
         file = f"{self.stem}_{name}.toml"
+        self.sources[file] = source
         (self.folder / file).write_text(toml_text(document), encoding="utf-8")
         self.names.append(file)
         return file
@@ -251,7 +274,7 @@ def arm_entry(arm: LabArm, tool: str, files: Files) -> dict[str, Any]:
     entry: dict[str, Any] = {"description": own}
     if changed:
         found["title"] = f"{found.get('title', own)}; as {arm.name} of the lab has it"
-        entry["description"] = files.write(arm.name.lower(), found)
+        entry["description"] = files.write(arm.name.lower(), found, arm.file)
     if arm.type == "PSM":
         entry["tool"] = _tool_entry(arm, tool or found["default_tool"], files)
     return entry
@@ -259,12 +282,13 @@ def arm_entry(arm: LabArm, tool: str, files: Files) -> dict[str, Any]:
 
 def _tool_entry(arm: LabArm, tool: str, files: Files) -> str:
     """Return the name of the instrument, or the file of one that differs from trocar's."""
-    requested = tool != arm.tool
-    instrument = None if requested else arm.instrument
+    instrument, source = arm.instrument, arm.file
     found = None if instrument is None else tool_document(tool, instrument)
+    if instrument is not None:
+        source = instrument.file
     if found is not None and tool not in names("tools"):
         files.notes.append(f"{arm.name}: {tool}: uses the shape and masses of a needle driver")
-    if instrument is None and not requested and tool not in names("tools"):
+    if instrument is None and not tool.endswith(".toml") and tool not in names("tools"):
         raise DescriptionError(
             arm.file,
             "tool",
@@ -276,7 +300,7 @@ def _tool_entry(arm: LabArm, tool: str, files: Files) -> str:
     found = found or document("tools", tool)
     changed |= set_gains(found, arm.gains, f"{Path(arm.file).name}, imported")
     if changed:
-        return files.write(f"{arm.name.lower()}_tool", found)
+        return files.write(f"{arm.name.lower()}_tool", found, source)
     return str(Path(tool).resolve()) if tool.endswith(".toml") else tool
 
 
@@ -382,7 +406,7 @@ def tool_document(tool: str, instrument: Instrument) -> Document | None:
     like = tool if own else like
     found = document("tools", like)
     frames: Mapping[str, Document] = {f["name"]: f for f in found["frame"]}
-    changed = set_limits(found, instrument.rows, instrument.file)
+    changed = set_limits(found, _held(instrument), instrument.file)
     roll, _, yaw, _ = instrument.rows
     for frame, key, length in (("roll", "d", roll.d), ("wrist_yaw", "a", -yaw.a)):
         if abs(limit(frames[frame], key) - length) > SAME_LENGTH:
@@ -393,16 +417,36 @@ def tool_document(tool: str, instrument: Instrument) -> Document | None:
     if not np.allclose(coupling["actuator_to_joint"], instrument.coupling, atol=1e-9):
         coupling |= {"actuator_to_joint": instrument.coupling.tolist(), "source": instrument.file}
         changed = True
+    if not np.allclose(instrument.tip, TOOL_TIP, atol=1e-6):
+        tip = frames["tip"]
+        without(tip, "xyz")
+        T = YAW_TURN @ instrument.tip + 0.0
+        tip |= {"xyz_m": T[:3, 3].tolist(), "rotation": T[:3, :3].tolist()}
+        tip["source"] = f"{instrument.file}: tooltip_offset"
+        changed = True
     if own and not changed:
         return None
     found["name"] = tool
     found["title"] = f"{tool}, as its file has it; shape and masses of {like}"
     found["source"] = instrument.file
-    jaw, lower = found["joint"][-1], instrument.rows[-1].qmin
-    if lower is not None and limit(jaw, "stop_lower") < lower:  # a stop lies inside the limits
-        without(jaw, "stop_lower")
-        jaw["stop_lower_rad"] = lower
+    for joint in found["joint"]:  # stops lie inside the limits
+        lower, upper = limit(joint, "lower"), limit(joint, "upper")
+        for key in ("stop_lower", "stop_upper"):
+            stop = limit(joint, key)
+            if math.isfinite(stop) and not lower <= stop <= upper:
+                without(joint, key)
+                joint[f"{key}_rad"] = min(max(stop, lower), upper)
     return found
+
+
+def _held(instrument: Instrument) -> tuple[DhRow, ...]:
+    """Return an instrument's rows with a range for every joint, and a jaw that stays shut."""
+    rows: dict[str, DhRow] = dict(zip((*WRIST, "jaw"), instrument.rows, strict=True))
+    still = [*instrument.virtual, *([] if instrument.has_jaw else ["jaw"])]
+    for name in still:
+        at = rows[name].qmin or 0.0
+        rows[name] = structs.replace(rows[name], qmin=at - HELD, qmax=at + HELD)
+    return tuple(rows.values())
 
 
 def arm_bodies(mechanism: Mechanism, scope: bool) -> list[Document]:

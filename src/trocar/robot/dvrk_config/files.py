@@ -112,6 +112,24 @@ class ToolFile(JsonRecord):
     coupling: InstrumentCoupling
 
 
+class ToolIndexEntry(JsonRecord):
+    """An instrument of an index: its full name is NAME:MODEL, by any of its names."""
+
+    model: str
+    names: tuple[str, ...]
+    file: str
+    description: str = ""
+    generation: str = ""
+    version_min: int = 0
+    version_max: int | None = None
+
+
+class ToolIndexFile(JsonRecord):
+    """tool/index.json, or a lab's own list of instruments (custom_tool_index)."""
+
+    instruments: tuple[ToolIndexEntry, ...] = ()
+
+
 class Gain(JsonRecord):
     """PID gains of one joint, its disturbance observer and the cap of both."""
 
@@ -185,6 +203,7 @@ class ArmFile(JsonRecord):
     generation: Literal["Classic", "Si"] | None = None
     tool_detection: Literal["AUTOMATIC", "MANUAL", "FIXED"] = "AUTOMATIC"
     tool: str = ""
+    custom_tool_index: str = ""
     endoscope: str = ""
     mounting_pitch: float | None = None
 
@@ -313,7 +332,7 @@ IDLE = frozenset(
         socket socket_server remote_ip port system interface name type rotation psm_base_frame
         ecm_base_frame base_frame component kinematic_gc gravity_compensation gravity_tilt
         re_home kinematic_type homing_zero_position platform_gain
-        custom_tool_index always_home homing_goes_to_zero plug_number serial_number
+        always_home homing_goes_to_zero plug_number serial_number
         brake_release_current arduino_mac base_arduino_mac mtm_is_haptic
         use_mtm_linear_velocity use_mtm_angular_velocity use_mtm_velocity coupling
         tooltip_offset tool_engage_position tool_joint_limit tool_torque_limit
@@ -399,7 +418,7 @@ class Sources:
                     self.folders.append(place)
 
     def find(self, name: str) -> Path | None:
-        """Return a file's path, whatever the case of its letters; None where it is nowhere."""
+        """Return a file's path, whatever the case of letters, - or _; None where it is nowhere."""
         first, beside = Path(name).parts[0], self.folders[0]
         # "jhu-dVRK/custom-tool/X.json" of a configuration that lies in jhu-dVRK
         own = [
@@ -412,9 +431,10 @@ class Sources:
         for folder in folders:
             found = [folder]
             for part in Path(name).parts:
-                found = [p for f in found for p in _listed(f) if p.name.lower() == part.lower()]
+                found = [p for f in found for p in _listed(f) if _plain(p.name) == _plain(part)]
             if found and is_file(found[0]):
-                self.warnings.append(f"{name}: used {found[0]}, whose name differs in case")
+                used = f"used {found[0]}, whose name differs in case, - or _"
+                self.warnings.append(f"{name}: {used}")
                 return found[0]
         return None
 

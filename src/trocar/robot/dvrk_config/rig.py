@@ -17,7 +17,7 @@ from trocar.descriptions.catalogue import DATA
 from trocar.descriptions.endoscopes import EndoscopeType
 from trocar.descriptions.records import DISPLAY, REFERENCE_ARM
 from trocar.descriptions.table import toml_text
-from trocar.errors import InputError, UnknownNameError
+from trocar.errors import DescriptionError, InputError, UnknownNameError
 from trocar.geometry.rotations import matrix_from_rotation_vector, rotation_x
 from trocar.geometry.se3 import transform
 from trocar.inputs import is_file
@@ -111,16 +111,23 @@ def import_dvrk(
     _check_target(file, chosen.overwrite)
     if not is_file(path):
         raise InputError(f"{system}: no such file; allowed: a dVRK system-*.json or console-*.json")
-    lab = read_system(path, chosen.share, chosen.literal, [name for name, _ in chosen.tools])
+    lab = read_system(path, chosen.share, chosen.literal, dict(chosen.tools))
     psms = [arm.name for arm in lab.arms if arm.type == "PSM"]
     for name, _ in chosen.tools:
         if name not in psms:
             raise UnknownNameError("PSM", name, psms, str(path))
     with whole_folder(file.parent, overwrite=True) as place:
         files = Files(place, re.sub(r"[^A-Za-z0-9_]+", "_", file.stem))
-        document = rig_document(lab, dict(chosen.tools), files)
-        (files.folder / file.name).write_text(toml_text(document), encoding="utf-8")
-        gap = agreement(lab, load_rig(files.folder / file.name))
+        try:
+            document = rig_document(lab, dict(chosen.tools), files)
+            (files.folder / file.name).write_text(toml_text(document), encoding="utf-8")
+            gap = agreement(lab, load_rig(files.folder / file.name))
+        except DescriptionError as problem:  # in the user's file, not in ours, which goes
+            written = Path(problem.file)
+            if written.parent != files.folder:
+                raise
+            source = files.sources.get(written.name) or lab.file
+            raise DescriptionError(source, problem.key, problem.problem) from problem
         names = [file.name, *files.names]
         for name in names[1:]:
             _check_target(file.parent / name, chosen.overwrite)

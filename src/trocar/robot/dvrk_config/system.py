@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Literal, cast
 
@@ -16,8 +17,8 @@ from numpy.typing import NDArray
 from trocar.descriptions import names
 from trocar.descriptions.endoscopes import ENDOSCOPES, EndoscopeType
 from trocar.descriptions.records import REFERENCE_ARM, Generation
-from trocar.descriptions.tool_versions import tool_of_version
-from trocar.errors import DescriptionError, InputError
+from trocar.descriptions.tool_versions import GEARED, tool_of_version
+from trocar.errors import DescriptionError, InputError, UnknownNameError
 from trocar.geometry.dh import modified_dh, standard_dh
 from trocar.geometry.se3 import transform
 from trocar.robot.dvrk_config import published
@@ -37,6 +38,8 @@ from trocar.robot.dvrk_config.files import (
     TeleopEntry,
     TeleopParameters,
     ToolFile,
+    ToolIndexEntry,
+    ToolIndexFile,
     converted,
     parse_json,
 )
@@ -81,10 +84,13 @@ TOOL_TIP = [
     [-1.0, 0.0, 0.0, 0.0],
     [0.0, 0.0, 0.0, 1.0],
 ]
+WRIST = ("roll", "wrist_pitch", "wrist_yaw")
 #: Tolerance of equal lengths [m].
 SAME_LENGTH = 1e-7
 #: Lean of setup joints that is still an arm's mounting pitch. Source: our own choice. [rad]
 SAME_LEAN = math.radians(1.0)
+#: Least determinant of a coupling. Source: our own choice; SAW's have 0.03 (stapler) to 3.
+SINGULAR = 1e-6
 
 
 @dataclass(frozen=True)
@@ -157,11 +163,17 @@ class Instrument:
         file: where it stands
         rows: of roll, wrist pitch and wrist yaw, and the limits of the jaw as a fourth
         coupling: q = A q_actuator, (4, 4)
+        tip: T_yaw_tip, its tooltip_offset (4, 4)
+        has_jaw: whether the jaw has a range and a torque; that of a probe or hook has neither
+        virtual: joints of the wrist without a range: names
     """
 
     file: str
     rows: tuple[DhRow, ...]
     coupling: Array
+    tip: Array
+    has_jaw: bool
+    virtual: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,7 +245,10 @@ class Lab:
 
 
 def read_system(
-    path: Path, share: Sequence[Path] = (), literal: bool = False, tools: Sequence[str] = ()
+    path: Path,
+    share: Sequence[Path] = (),
+    literal: bool = False,
+    tools: Mapping[str, str] | None = None,
 ) -> Lab:
     """Read a system and the files that it names.
 
@@ -241,19 +256,20 @@ def read_system(
         path: system-*.json or console-*.json
         share: folders where files are looked for, too
         literal: take angles as they are printed: 1.5708, 0.7853
-        tools: PSMs whose instrument in the files is not used
+        tools: {PSM: instrument} in place of the files'; one that trocar lacks is looked up in
+            them
 
     Raises:
         DescriptionError: naming file, key, what was got and what is allowed
     """
-    return _SystemReader(path, share, literal, tools).read()
+    return _SystemReader(path, share, literal, tools or {}).read()
 
 
 class _SystemReader:
     """Reads one system."""
 
     def __init__(
-        self, path: Path, share: Sequence[Path], literal: bool, tools: Sequence[str]
+        self, path: Path, share: Sequence[Path], literal: bool, tools: Mapping[str, str]
     ) -> None:
         self._sources = Sources(path, share)
         self._notes: list[str] = []
@@ -415,8 +431,7 @@ class _SystemReader:
                 f"got {pitch:g}; allowed: -1.571 to 1.571 rad (on an Si cart -0.785 for PSM1 and"
                 " PSM2, -0.262 for PSM3, -1.222 for the ECM)",
             )
-        fixed = kind == "PSM" and entry.name not in self._tools
-        tool, instrument = self._tool(file, entry) if fixed else ("", None)
+        tool, instrument = self._tool(file, entry) if kind == "PSM" else ("", None)
         endoscope = _endoscope(file) if kind == "ECM" else None
         if endoscope and arm.endoscope != endoscope.name:
             named = arm.endoscope or arm.kinematic
@@ -491,9 +506,18 @@ class _SystemReader:
         return chain, own
 
     def _tool(self, file: JsonFile[ArmFile], entry: ArmEntry) -> tuple[str, Instrument | None]:
-        """Return the instrument that the files fix, "" where they leave it open, and its file."""
+        """Return the instrument that is requested or fixed by the files, and its own file.
+
+        Its name is "" where the files leave it open.
+        """
         arm, name = file.entries, entry.name
         choose = f"--tool {name}=NAME selects one"
+        listed = self._tool_index(file)
+        requested = self._tools.get(name, "")
+        if requested in names("tools") or requested.endswith(".toml"):
+            return requested, None
+        if requested:
+            return self._listed_tool(requested, file, entry, listed)
         if file.prefix:  # of version 1: psm-large-needle-driver.json
             words = Path(arm.kinematic).stem.lower().split("-")[1:]
             tool = next(
@@ -504,55 +528,146 @@ class _SystemReader:
                 self._notes.append(f"{name}: {arm.kinematic}: not a built-in instrument; {choose}")
             return (tool if words else ""), None
         if arm.tool_detection != "FIXED":
+            own = [f"{e.names[0]}:{e.model}" for e, custom in listed if custom and e.names]
+            custom = f"; {arm.custom_tool_index} has {', '.join(own)}" if own else ""
             self._notes.append(
-                f"{name}: tool_detection is {arm.tool_detection}, no instrument defined; {choose}"
+                f"{name}: tool_detection is {arm.tool_detection}, no instrument defined;"
+                f" {choose}{custom}"
             )
             return "", None
         if not arm.tool:
             raise file.fail("tool", "is missing; allowed: a string")
+        return self._listed_tool(arm.tool, file, entry, listed)
+
+    def _tool_index(self, file: JsonFile[ArmFile]) -> list[tuple[ToolIndexEntry, bool]]:
+        """Return the instruments of the dVRK's index, where it is here, and of the lab's own.
+
+        Returns:
+            each with whether it is the lab's own
+        """
+        index, own = self._sources.find("tool/index.json"), file.entries.custom_tool_index
+        places = [(index, False)] if index is not None else []
+        if own:
+            path = self._sources.find(own)
+            if path is None:
+                raise self._sources.missing(file, "custom_tool_index", own)
+            places.append((path, True))
+        return [
+            (entry, custom)
+            for path, custom in places
+            for entry in self._sources.read(path, ToolIndexFile).entries.instruments
+        ]
+
+    def _listed_tool(
+        self,
+        tool: str,
+        file: JsonFile[ArmFile],
+        entry: ArmEntry,
+        listed: list[tuple[ToolIndexEntry, bool]],
+    ) -> tuple[str, Instrument | None]:
+        """Return an instrument's name and its file, None where that is not here.
+
+        Args:
+            tool: NAME:MODEL, :MODEL or NAME_MODEL, with or without a version "[2]", "[1..3]"
+            file, entry: of the arm
+            listed: as of `_tool_index`
+
+        Raises:
+            DescriptionError: its file is not there, or has an instrument that trocar cannot have
+        """
         try:
-            tool = re.sub(r"_(\d{6})$", r":\1", tool_of_version(arm.tool))
+            chosen = tool_of_version(re.sub(r"_(\d{6})(?=\[|$)", r":\1", tool))
         except InputError as problem:
             raise file.fail("tool", str(problem)) from problem
-        code = re.sub(r"^\d+MM_", "", tool).replace(":", "_")  # 5MM_NEEDLE_DRIVER:400117
-        for stem in dict.fromkeys((tool.replace(":", "_"), code)):
+        plain = chosen.removesuffix(GEARED)
+        name, _, model = plain.rpartition(":")
+        version = re.search(r"\[(?:\.\.)?(\d+)", tool)  # of a range the first. Source: mtsToolList
+        found = [
+            (each, custom)
+            for each, custom in listed
+            if each.model == model
+            and (not name or name.upper() in [n.upper() for n in each.names])
+            and (version is None or _of_version(each, int(version[1])))
+        ]
+        if found:
+            each, custom = found[0]
+            aliases = [f"{n.upper()}:{model}" for n in each.names]
+            built_in = [alias for alias in aliases if alias in names("tools")]
+            full = next(iter([*built_in, *([plain.upper()] if name else aliases)]), plain)
+            if chosen.endswith(GEARED) and full + GEARED in names("tools"):
+                full += GEARED
+            path = self._sources.find(each.file) or self._sources.find(f"tool/{each.file}")
+            if path is not None:
+                return full, self._instrument(path, file, entry.name, full)
+            if custom or full not in names("tools"):
+                key = "custom_tool_index" if custom else "tool"
+                raise self._sources.missing(file, key, each.file)
+            return full, None
+        code = re.sub(r"^\d+MM_", "", plain).replace(":", "_")  # 5MM_NEEDLE_DRIVER:400117
+        for stem in dict.fromkeys((plain.replace(":", "_"), code)):
             path = self._sources.find(f"tool/{stem}.json")
             if path is not None:
-                return tool, self._instrument(path, file, name, tool)
-        if tool.startswith("5MM_"):
-            raise _snake(file, name, tool)
-        return tool, None
+                return plain, self._instrument(path, file, entry.name, plain)
+        if plain.startswith("5MM_"):
+            raise _snake(file, entry.name, plain)
+        if chosen in names("tools"):
+            return chosen, None
+        known = [*names("tools"), *(f"{n}:{each.model}" for each, _ in listed for n in each.names)]
+        if entry.name in self._tools:
+            raise UnknownNameError("tool", tool, dict.fromkeys(known), file.name)
+        if listed:
+            near = get_close_matches(plain, known, n=1)
+            hint = f" (did you mean {near[0]!r}?)" if near else ""
+            allowed = ", ".join(dict.fromkeys(known))
+            raise file.fail("tool", f"got {tool!r}, which no index has{hint}; allowed: {allowed}")
+        return plain, None
 
-    def _instrument(self, path: Path, arm: JsonFile[ArmFile], name: str, tool: str) -> Instrument:
+    def _instrument(self, path: Path, arm: JsonFile[Any], name: str, tool: str) -> Instrument:
         """Return the content of an instrument's file.
 
         Raises:
-            DescriptionError: rows or a tip that no tool of trocar's has, or no jaw
+            DescriptionError: rows or a coupling that no tool of trocar's has
         """
-        if any(key in ("snake_like", "snake-like") for key in parse_json(path)):
+        if any(parse_json(path).get(key) for key in ("snake_like", "snake-like")):
             raise _snake(arm, name, tool)
         file = self._sources.read(path, ToolFile)
-        chain = read_chain(file, "dh", file.entries.dh, self._literal)
+        chain = read_chain(file, "dh", file.entries.dh, self._literal, rigid=True)
         got = tuple((row.alpha, row.theta) for row in chain.rows)
         fits = len(got) == 3 and np.allclose(got, TOOL_ANGLES, atol=1e-5)
-        if chain.convention != "modified" or not fits:
+        if chain.convention != "modified" or not fits or chain.moving < 3:
+            degrees = ", ".join(f"({math.degrees(a):g}, {math.degrees(t):g})" for a, t in got)
             raise file.fail(
                 "dh",
-                f"unsupported chain of {len(got)} rows; allowed: roll,"
-                " wrist pitch and wrist yaw as of LARGE_NEEDLE_DRIVER",
+                f"unsupported chain of {len(got)} rows (alpha, theta + offset in degrees:"
+                f" {degrees}); allowed: roll, wrist pitch and wrist yaw as of LARGE_NEEDLE_DRIVER:"
+                " (0, 0), (-90, -90), (-90, -90) in the modified convention",
             )
         lengths = [(row.a, row.d) for row in chain.rows]
         if any(abs(v) > SAME_LENGTH for v in (lengths[0][0], *lengths[1], lengths[2][1])):
             allowed = "D of the first, A of the last row"
             raise file.fail("dh", f"got A, D of {lengths}; allowed: {allowed}")
-        tip = file.entries.tooltip_offset
-        if not np.allclose(tip, TOOL_TIP, atol=1e-6):
-            got_tip = [list(row) for row in tip]
-            raise file.fail("tooltip_offset", f"got {got_tip}; allowed: {TOOL_TIP}")
+        tip = _pose(file, "tooltip_offset", file.entries.tooltip_offset)
         jaw = file.entries.jaw
-        limits = DhRow(qmin=jaw.qmin, qmax=jaw.qmax, ftmax=jaw.ftmax)
+        if jaw.qmin > jaw.qmax:
+            allowed = f"up to qmax, {jaw.qmax:g}"
+            raise file.fail("jaw.qmin", f"got {jaw.qmin:g}; allowed: {allowed}")
         coupling = np.array(file.entries.coupling.actuator_to_joint)
-        return Instrument(file.name, (*chain.rows, limits), coupling)
+        key = "coupling.actuatortojointposition"
+        if not np.isfinite(coupling).all() or abs(np.linalg.det(coupling)) < SINGULAR:
+            allowed = "an invertible matrix (ones on the diagonal of what a disc does not move)"
+            raise file.fail(key, f"got {coupling.tolist()}; allowed: {allowed}")
+        limits = DhRow(qmin=jaw.qmin, qmax=jaw.qmax, ftmax=jaw.ftmax)
+        has_jaw = jaw.qmin < jaw.qmax and jaw.ftmax > 0.0
+        if not has_jaw:
+            why = "its jaw has no torque" if jaw.qmin < jaw.qmax else "its jaw has no range"
+            self._notes.append(f"{name}: {tool} has no jaw ({why}): the fingers stay shut")
+        rows = zip(WRIST, chain.rows, strict=True)
+        virtual = tuple(
+            joint for joint, row in rows if row.qmin is not None and row.qmin == row.qmax
+        )
+        if virtual:
+            self._notes.append(f"{name}: {tool}: {', '.join(virtual)} without a range: held still")
+        return Instrument(file.name, (*chain.rows, limits), coupling, tip, has_jaw, virtual)
 
     def _gains(
         self, place: JsonFile[Any], entry: ArmEntry, kind: str, generation: Generation
@@ -708,6 +823,11 @@ def _given(entry: ArmEntry, *keys: str) -> str:
     return next((key for key in keys if getattr(entry, key)), keys[0])
 
 
+def _of_version(entry: ToolIndexEntry, version: int) -> bool:
+    most = math.inf if entry.version_max is None else entry.version_max
+    return entry.version_min <= version <= most
+
+
 def _snake(file: JsonFile[Any], name: str, tool: str) -> DescriptionError:
     return file.fail(
         "tool",
@@ -783,13 +903,14 @@ def _classic_chain(at: JsonFile[Any], chain: DhRows, count: int) -> DhRows:
     return replace(chain, rows=tuple(rows))
 
 
-def read_chain(file: JsonFile[Any], key: str, dh: Dh, literal: bool) -> DhRows:
+def read_chain(file: JsonFile[Any], key: str, dh: Dh, literal: bool, rigid: bool = False) -> DhRows:
     """Return the rows of a chain in SI.
 
     Args:
         file, key: where they stand
         dh: the rows
         literal: take angles as they are printed
+        rigid: take joints without a range, qmin = qmax, as instruments have
 
     Raises:
         DescriptionError: no rows, several conventions, or limits in the wrong order
@@ -803,7 +924,8 @@ def read_chain(file: JsonFile[Any], key: str, dh: Dh, literal: bool) -> DhRows:
         allowed = "modified or standard, the same in all rows"
         raise file.fail(f"{key}.{given}[0].convention", f"got {got}; allowed: {allowed}")
     for k, row in enumerate(rows):
-        if row.qmin is not None and row.qmax is not None and not row.qmin < row.qmax:
+        none = row.qmin is not None and row.qmax is not None and not row.qmin < row.qmax
+        if none and not (rigid and row.qmin == row.qmax):
             problem = f"got {row.qmin:g}; allowed: less than qmax, {row.qmax:g}"
             raise file.fail(f"{key}.{given}[{k}].qmin", problem)
     convention = cast(Literal["modified", "standard"], conventions[0])

@@ -164,23 +164,30 @@ def test_the_line_says_how_many_come_and_what_went_wrong(
     assert "no OpenGL &lt;b&gt;" in window.line.content
 
 
-def test_the_page_has_the_window_and_shows_what_is_drawn(
-    server: LocalServer, world: World, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_page_has_the_window_and_shows_what_is_drawn(server: LocalServer, world: World) -> None:
     loop = Loop(world, speed="max")
     pictures = Pictures(loop, FakeRenderer)
     pictures.start()
     page = run_there(server, lambda: Page(server, world, loop, pictures))
-    monkeypatch.setattr(server, "get_clients", lambda: {0: None})
-    assert page.cameras is not None
-    before = page.cameras.image._data
+    desk = run_there(server, lambda: page.open(server))
+    run_there(server, lambda: desk.build(1920))
+    assert desk.cameras is not None
+    before = desk.cameras.image._data
     end = time.monotonic() + 20
-    while page.cameras.image._data is before:
+    while desk.cameras.image._data is before:
         assert time.monotonic() < end
         run_there(server, page.refresh)
         loop.run(0.02)
     pictures.close()
-    assert run_there(server, lambda: Page(server, world, loop)).cameras is None
+    run_there(server, lambda: page.leave(0))
+    assert not pictures.wanted
+
+
+def test_without_pictures_there_is_no_window(server: LocalServer, world: World) -> None:
+    page = run_there(server, lambda: Page(server, world, Loop(world)))
+    desk = run_there(server, lambda: page.open(server))
+    run_there(server, lambda: desk.build(1920))
+    assert desk.cameras is None
 
 
 def test_overlays_are_shown_until_they_are_switched_off(

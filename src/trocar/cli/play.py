@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_json, allow, allow_overwrite, names_of, options
 from trocar.cli.output import fixed, print_result, progress_bar, table
-from trocar.cli.serving import add_serving, allow_headless, serve
+from trocar.cli.serving import add_serving, allow_headless, serve, serve_chosen
 from trocar.cli.worlds import (
     add_look,
     add_record,
@@ -67,6 +67,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         --video FILE            write an MP4 video of the endoscope (extra video)
         --duration S:duration   stop serving, or with --headless each episode, after S simulated
                                 seconds
+        --start viewer|now      of serving: begin when a browser shows the scene (default where a
+                                policy drives, without --duration), or at once
         --speed realtime|max    of serving: real time, or as fast as possible (default: realtime)
         --set KEY=VALUE ... as settings
                                 value of a key of the scene's file by its dotted path, as
@@ -165,7 +167,10 @@ def _allow(args: Namespace) -> None:
     if not args.headless:
         names = ("json", "video", "episodes", "workers", "cluster")
         allow(args, "with --headless", *names)
+        if args.no_page and args.start == "viewer":
+            raise InputError("--start: got viewer with --no-page; allowed: without --no-page")
         return
+    allow(args, "without --headless", "start")
     allow_headless(args)
     if args.speed == "realtime":
         raise InputError("--speed: got realtime with --headless; allowed: max")
@@ -250,8 +255,17 @@ def _serve(args: Namespace, script: Script, policy: str) -> int:
     else:
         driver = f"policy {policy}" if policy else "scripted policy"
         served = ServedTask(task, args.seed, script=script, driver=driver)
-    serve(task.world, args, task=served)
-    print(_report([task.result(args.seed)]))
+    waits = bool(served.driver) and not args.no_page and args.duration is None
+    start = args.start or ("viewer" if waits else "now")
+    if start == "viewer":
+        print(
+            "trocar: the policy begins when a browser shows the scene (--start now: at once)",
+            file=sys.stderr,
+            flush=True,
+        )
+    chosen = serve(task.world, args, task=served, loads=True, start=start)
+    print(_report([task.result(served.state()["seed"])]))
+    serve_chosen(chosen, args)
     return 0
 
 

@@ -449,6 +449,7 @@ class Pictures:
                 "rendering is slower than %g Hz: %d images dropped so far",
                 self.rate_hz,
                 self.dropped,
+                extra={"in_status": True},  # the web viewer has it in the cameras' status line
             )
 
     # ------------------------------------------------------------------ the drawing thread

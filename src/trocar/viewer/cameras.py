@@ -12,6 +12,7 @@ import viser
 
 from trocar.live.images import Packer, Picture, Pictures, Shot
 from trocar.rendering.frames import anaglyph, side_by_side
+from trocar.viewer.help import hint
 from trocar.viewer.server import when_pressed, when_touched
 
 RATE_HZ = 30.0
@@ -42,12 +43,20 @@ class CameraWindow:
         gui: the page's widgets
         pictures: draws the cameras
         cameras: {name: number of eyes}, the first one is shown
+        width: of the window [CSS px]
 
     Attributes:
         image, line: the picture, and the line below it
+        window: the panel
     """
 
-    def __init__(self, gui: viser.GuiApi, pictures: Pictures, cameras: Mapping[str, int]) -> None:
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        pictures: Pictures,
+        cameras: Mapping[str, int],
+        width: int = WIDTH,
+    ) -> None:
         self._pictures, self._cameras = pictures, dict(cameras)
         self._packer = Packer()
         self._camera, self._view = next(iter(cameras)), LEFT
@@ -57,19 +66,21 @@ class CameraWindow:
         self._due = self._seen = 0.0
         self._status = ""
         self._overlaid = pictures.overlay is not None
-        window = gui.add_panel()
-        with window.add_tab("Cameras"):
+        self.window = gui.add_panel()
+        with self.window.add_tab("Cameras"):
             if len(cameras) > 1:
-                choice = gui.add_dropdown("Camera", list(cameras))
+                choice = gui.add_dropdown("Camera", list(cameras), hint=hint("Camera"))
                 when_touched(choice, self.choose_camera)
             both = max(cameras.values()) > 1
             views = (LEFT, RIGHT, BOTH, ANAGLYPH, OFF) if both else (LEFT, OFF)
-            when_pressed(gui.add_button_group("View", views), self.choose_view)
+            when_pressed(gui.add_button_group("View", views, hint=hint("View")), self.choose_view)
             if self._overlaid:
-                when_touched(gui.add_checkbox("Overlays", True), self.choose_overlays)
+                when_touched(
+                    gui.add_checkbox("Overlays", True, hint=hint("Overlays")), self.choose_overlays
+                )
             self.image = gui.add_image(np.zeros((480, 640, 3), np.uint8), format="jpeg")
             self.line = gui.add_html(FULL_SCREEN.format(status=""))
-        window.float(x=GAP, y=-GAP, width=WIDTH)  # the arms stay in sight
+        self.window.float(x=GAP, y=-GAP, width=width)  # the arms stay in sight
         self.leave = pictures.add(self)
 
     # ------------------------------------------------------------------ viser's thread

@@ -312,10 +312,10 @@ def tips_of(world: World) -> dict[str, Floats]:
 
 
 def stage(server: viser.ViserServer, shapes: Sequence[ShapeRecord], snapshot: Snapshot) -> None:
-    """Add light, backdrop and floor, and point the camera of every new browser.
+    """Add backdrop and floor, and point the camera of every new browser; `Drawing` adds light.
 
-    A key light from the upper left throws shadows; the backdrop grows darker upwards, so that the
-    white arms stand out; the floor, on which the rig stands, has lines every 10 cm and every metre.
+    The backdrop grows darker upwards, so that the white arms stand out; the floor, on which the rig
+    stands, has lines every 10 cm and every metre.
     The camera has all arms in sight, and the work below their remote centres.
     """
     scene = server.scene
@@ -323,16 +323,6 @@ def stage(server: viser.ViserServer, shapes: Sequence[ShapeRecord], snapshot: Sn
     heights = corners(floors or shapes, snapshot)[:, 2]
     floor = float(heights.max() if floors else heights.min()) + ABOVE_M
     scene.configure_default_lights(enabled=False)
-    scene.configure_environment_map("studio", environment_intensity=0.25)
-    scene.add_light_directional(
-        "/light/key", color=(255, 247, 235), intensity=2.3, cast_shadow=True, position=(3, 1.2, 4)
-    )
-    scene.add_light_directional(
-        "/light/fill", color=(214, 228, 255), intensity=0.5, position=(-2, 4, 1.5)
-    )
-    scene.add_light_hemisphere(
-        "/light/sky", sky_color=(236, 242, 255), ground_color=(120, 118, 115), intensity=0.3
-    )
     rise = np.linspace(0.0, 1.0, 256)[:, None, None]
     colours = (1 - rise) * np.array(SKY) + rise * np.array(HORIZON)
     scene.set_background_image(np.repeat(colours, 8, axis=1).astype(np.uint8), format="png")

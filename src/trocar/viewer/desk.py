@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from typing import Any, Protocol
@@ -50,14 +50,25 @@ NUMBERS_EVERY = 6
 PLOTS_EVERY = 3
 """Refreshes between two updates of the plots and the sliders: ten a second."""
 
+FEW_HZ = 20.0
+"""Frames a second below which the page shows their number. Source: our own choice."""
+
 REQUEST, GIVE, KEEP = "Request control", "Give", "Keep"
 
 
 class Folder(Protocol):
-    """A part of the page in a file of its own, made in an open container of widgets."""
+    """A part of the page in a file of its own, which stands in the panel of commands.
+
+    It is made by a function of `Contents.folders`, in viser's thread, in the container that is
+    open, and adds its widgets to `desk.browser.gui` and its nodes to `desk.browser.scene`.
+    """
 
     def show(self, state: LoopState) -> None:
         """Show the newest state; called ten times a second."""
+        ...
+
+    def close(self) -> None:
+        """Let go of what is not a widget, as nodes of the scene."""
         ...
 
 
@@ -80,6 +91,7 @@ class Contents:
         scene: the scene that is served; None: a rig
         gallery: what may be loaded; None: nothing
         note: returns HTML to show above the table of joints
+        folders: make further parts of the page, in their order
         waits: returns whether time waits for the first browser
     """
 
@@ -98,6 +110,7 @@ class Contents:
     scene: SceneControls | None = None
     gallery: Gallery | None = None
     note: Callable[[], str] | None = None
+    folders: Sequence[Callable[[Desk], Folder]] = ()
     waits: Callable[[], bool] = lambda: False
 
 
@@ -113,6 +126,7 @@ class Desk:
         contents: to show
 
     Attributes:
+        browser: as given
         panel, tables, cameras: parts of the page; None where it has none
         tools: the frames of the tips
         drawing: how richly the scene is drawn
@@ -123,7 +137,7 @@ class Desk:
     def __init__(
         self, browser: viser.ClientHandle | viser.ViserServer, who: int, contents: Contents
     ) -> None:
-        self._browser, self._who, self._contents = browser, who, contents
+        self.browser, self._who, self._contents = browser, who, contents
         self._began_s = time.monotonic()
         self._layout = ""
         self._refreshes = 0
@@ -152,14 +166,15 @@ class Desk:
             return
         self._remove()
         self._layout = layout
-        gui, all_ = self._browser.gui, self._contents
+        gui, all_ = self.browser.gui, self._contents
         panel_width = PANEL_WIDTH if wide else NARROW_WIDTH
-        if isinstance(self._browser, viser.ClientHandle):
+        if isinstance(self.browser, viser.ClientHandle):
             gui.main_panel.dock_right()
             gui.main_panel.set_width(panel_width)
         self._begin()
         if not phone:
             self.panel = Panel(gui, all_.loop, all_.arms, all_.poses, self.blocked)
+            self.folders = [make(self) for make in all_.folders]
             self._folder_show()
             self._window(panel_width, docked=wide)
         elif all_.driving is not None and all_.driving.tables:
@@ -173,7 +188,7 @@ class Desk:
 
     def _begin(self) -> None:
         """Add what stands first: who drives, the gallery, the scene."""
-        gui, all_ = self._browser.gui, self._contents
+        gui, all_ = self.browser.gui, self._contents
         gui.add_html(STYLE)
         self._seat = Buttons(gui, "Driver", (REQUEST,), self._press_seat, hint("Driver"))
         self._seat.set_visible(visible=False)
@@ -190,18 +205,25 @@ class Desk:
             self._scoreboard = Scoreboard(gui, all_.scene)
 
     def _folder_show(self) -> None:
-        gui = self._browser.gui
+        gui = self.browser.gui
         with gui.add_folder("Show", order=1e9):
-            level = gui.add_dropdown("Drawing", drawing_names(), hint=hint("Drawing"))
+            level = gui.add_dropdown(
+                "Drawing",
+                drawing_names(),
+                initial_value=self.drawing.choice,
+                hint=hint("Drawing"),
+            )
             when_touched(level, self.drawing.choose)
-            centres = gui.add_checkbox("Remote centres", True, hint=hint("Remote centres"))
+            centres = gui.add_checkbox(
+                "Remote centres", self._centres.visible, hint=hint("Remote centres")
+            )
             when_touched(centres, self._centres.set_visible)
-            frames = gui.add_checkbox("Tool frames", False, hint=hint("Tool frames"))
+            frames = gui.add_checkbox("Tool frames", self.tools.visible, hint=hint("Tool frames"))
             when_touched(frames, self.tools.set_visible)
 
     def _window(self, width: int, *, docked: bool) -> None:
         """Add the window of measurements, and of hands."""
-        gui, all_, driving = self._browser.gui, self._contents, self._contents.driving
+        gui, all_, driving = self.browser.gui, self._contents, self._contents.driving
         window = gui.add_panel()
         titles = ["Measurements"] if self.panel is not None else []
         if driving is not None:  # before the measurements where keys drive: open at first
@@ -209,7 +231,7 @@ class Desk:
         for title in titles:
             with window.add_tab(title):
                 if driving is not None and title == driving.title:
-                    self._hands = DrivingTab(self._browser, driving, all_.nonce)
+                    self._hands = DrivingTab(self.browser, driving, all_.nonce)
                 elif self.panel is not None:
                     self.tables = StatusTables(gui, all_.notices)
                     self.tables.note = all_.note
@@ -222,22 +244,23 @@ class Desk:
 
     def _remove(self) -> None:
         """Take all panels off the page, but for the channel."""
-        if self.cameras is not None:
-            self.cameras.leave()
+        self.close()
         if self._hands is not None:
             self._hands.remove()
         if self._layout:
-            self._browser.gui.reset()
-            self._channel = Channel(self._browser.gui, self._report, self._press)
+            self.browser.gui.reset()
+            self._channel = Channel(self.browser.gui, self._report, self._press)
         self._panels.clear()
         self.panel = self.tables = self.cameras = self._plots = self._hands = None
         self._scoreboard = self._seat = None
-        self.folders.clear()
 
     def close(self) -> None:
-        """Let go of what outlives the connection."""
+        """Let go of what outlives the panels."""
         if self.cameras is not None:
             self.cameras.leave()
+        for folder in self.folders:
+            folder.close()
+        self.folders.clear()
 
     # ------------------------------------------------------------------ refreshing
 
@@ -356,14 +379,11 @@ class Desk:
             if all_.seats.asking is not None and who == me:
                 number = all_.seats.number(all_.seats.asking)
                 chips.append(f"<b>browser {number} requests control</b>")
-        level, frames = self.drawing.level, self.drawing.frames_hz
-        if self.drawing.index > 0 or (frames is not None and frames < 20.0):
-            rate = "" if frames is None else f", {frames:.0f} frames/s"
-            chips.append(
-                f"drawn {'plainly' if level.name == 'plain' else 'without shadows'}{rate}"
-                if self.drawing.index > 0
-                else f"{frames:.0f} frames/s"
-            )
+        frames = self.drawing.frames_hz
+        if self.drawing.index > 0 or (frames is not None and frames < FEW_HZ):
+            how = ("", "without shadows", "plainly")[max(self.drawing.index, 0)]
+            rate = "" if frames is None else f"{frames:.0f} frames/s"
+            chips.append(", ".join(filter(None, (f"drawn {how}" if how else "", rate))))
         return "".join(f"<span>{chip}</span>" for chip in chips)
 
     # ------------------------------------------------------------------ from the browser
@@ -377,7 +397,7 @@ class Desk:
         all_ = self._contents
         kind, _, rest = words.partition("/")
         if kind == "help":
-            show_help(self._browser.gui, {} if all_.driving is None else all_.driving.tables)
+            show_help(self.browser.gui, {} if all_.driving is None else all_.driving.tables)
         elif kind == "load" and all_.gallery and not all_.seats.blocked(self._who):
             all_.gallery.choose(rest)
 

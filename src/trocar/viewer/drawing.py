@@ -56,12 +56,14 @@ class Drawing:
         scene: the browser's
 
     Attributes:
-        index: of the level in `LEVELS`
+        choice: name of the level that was chosen, or `AUTOMATIC`
+        index: of the level in `LEVELS`; -1 before the first report
+        frames_hz: frames a second when the scene last moved; None before
     """
 
     def __init__(self, scene: viser.SceneApi) -> None:
         self._scene = scene
-        self._automatic = True
+        self.choice = AUTOMATIC
         self._slow = self._smooth = 0
         self._richest = 0
         self.index = -1
@@ -76,7 +78,7 @@ class Drawing:
         """Choose by a report: light without a graphics card, lighter where frames are few."""
         if report.frames_hz is not None:
             self.frames_hz = report.frames_hz
-        if not self._automatic:
+        if self.choice != AUTOMATIC:
             return
         if self.index < 0:
             self._show(len(LEVELS) - 1 if report.software else 0)
@@ -93,9 +95,9 @@ class Drawing:
 
     def choose(self, name: str) -> None:
         """Draw at the level of a name, or at the one that the browser manages: `AUTOMATIC`."""
-        self._automatic = name == AUTOMATIC
+        self.choice = name
         self._richest = 0
-        if not self._automatic:
+        if name != AUTOMATIC:
             self._show([level.name for level in LEVELS].index(name))
 
     def _show(self, index: int) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from contextlib import closing, suppress
 from functools import partial
@@ -22,7 +22,7 @@ from trocar.live.inbox import Command
 from trocar.live.loop import Loop
 from trocar.live.state import LoopState
 from trocar.simulation.journal import WORLD
-from trocar.viewer.desk import Contents, Desk
+from trocar.viewer.desk import Contents, Desk, Folder
 from trocar.viewer.driving import Driving
 from trocar.viewer.gallery import Choice, Gallery
 from trocar.viewer.measurements import History
@@ -67,6 +67,7 @@ class Page:
         scene: the scene that is served
         gallery: what may be loaded in place of it
         note: returns HTML to show above the table of joints
+        folders: make further parts of each browser's page
 
     Attributes:
         bodies: of the arms and objects, for all browsers
@@ -86,6 +87,7 @@ class Page:
         scene: SceneControls | None = None,
         gallery: Gallery | None = None,
         note: Callable[[], str] | None = None,
+        folders: Sequence[Callable[[Desk], Folder]] = (),
     ) -> None:
         self._server, self._loop = server, loop
         self._waits_since_s: float | None = None
@@ -120,6 +122,7 @@ class Page:
             scene=scene,
             gallery=gallery,
             note=note,
+            folders=folders,
             waits=lambda: self.waits,
         )
         server.gui.configure_theme(

@@ -236,9 +236,14 @@ class Drawings:
 
 
 class RemoteCentres:
-    """A small sphere with the arm's name at each remote centre."""
+    """A small sphere with the arm's name at each remote centre.
+
+    Attributes:
+        visible: whether they are shown
+    """
 
     def __init__(self, scene: viser.SceneApi, snapshot: Snapshot) -> None:
+        self.visible = True
         names = [name for name, arm in snapshot.arms.items() if arm.remote_centre is not None]
         self._nodes = {
             name: (
@@ -267,6 +272,7 @@ class RemoteCentres:
 
     def set_visible(self, visible: bool) -> None:
         """Show or hide all of them."""
+        self.visible = visible
         for nodes in self._nodes.values():
             for node in nodes:
                 node.visible = visible

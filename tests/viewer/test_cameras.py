@@ -16,7 +16,17 @@ from tests.live.fake_renderer import FakeRenderer
 from trocar.live import Loop
 from trocar.live.images import Order, Overlay, Packer, Pictures, Shot
 from trocar.simulation import World
-from trocar.viewer.cameras import ANAGLYPH, BOTH, LEFT, OFF, RIGHT, VISIBLE_S, CameraWindow
+from trocar.viewer.cameras import (
+    ANAGLYPH,
+    BOTH,
+    LEFT,
+    OFF,
+    RATE_HZ,
+    RIGHT,
+    SLOWEST_HZ,
+    VISIBLE_S,
+    CameraWindow,
+)
 from trocar.viewer.page import Page
 from trocar.viewer.server import LocalServer, run_there, serving
 
@@ -203,3 +213,13 @@ def test_overlays_are_shown_until_they_are_switched_off(
         assert window.wanted() == ("endoscope",)
         window.take(shot(overlay=pictures.overlay))
         assert np.abs(shown(server, window) - brightness).max() < 4
+
+
+def test_pictures_become_rare_while_the_arms_fall_behind_and_come_back(
+    window: CameraWindow, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for behind, period_s in ((True, 1.0 / SLOWEST_HZ), (False, 1.0 / RATE_HZ)):
+        monkeypatch.setattr(Pictures, "behind", behind)
+        for _ in range(100):
+            window.show_status()
+        assert window.period_s == pytest.approx(period_s)

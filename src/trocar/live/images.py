@@ -51,6 +51,9 @@ MOST_REFUSED = 5
 COMPLAIN_S = 30.0
 #: Time limit of the last picture when drawing ends [s]. Source: our own choice.
 FAREWELL_S = 5.0
+#: Real-time factor below which drawing takes time from the arms. Source: our own choice: the
+#: factor of a loop that keeps time is measured within 0.01.
+BEHIND = 0.97
 Format = Literal["jpeg", "png"]
 FORMATS: tuple[str, ...] = get_args(Format)
 Picture = NDArray[np.uint8]
@@ -375,6 +378,11 @@ class Pictures:
 
     def refused(self, command: object, reason: str) -> None:
         """Do nothing: cameras have no commands."""
+
+    @property
+    def behind(self) -> bool:
+        """Whether the loop falls behind real time."""
+        return 0.0 < self._loop.real_time_factor < BEHIND
 
     @property
     def waiting(self) -> bool:

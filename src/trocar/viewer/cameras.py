@@ -24,6 +24,13 @@ SPAN = 30
 VISIBLE_S = 0.2
 """Time without a refresh after which the page is closed and no picture is drawn [s]."""
 
+SLOWEST_HZ = 2.0
+"""Least rate of pictures while the arms fall behind real time. Source: our own choice."""
+
+YIELD, RECOVER = 1.5, 1.1
+"""Factors by which pictures become rarer while the arms fall behind, and more frequent again, five
+times a second. Source: our own choice."""
+
 WIDTH, GAP = 345, 12
 """Width of the window and distance from the edges, in CSS pixels. Source: chosen by eye."""
 
@@ -47,6 +54,7 @@ class CameraWindow:
 
     Attributes:
         image, line: the picture, and the line below it
+        period_s: time between two pictures; longer while the arms fall behind real time
         window: the panel
     """
 
@@ -64,6 +72,7 @@ class CameraWindow:
         self._awaited = False
         self._came: deque[float] = deque(maxlen=SPAN)
         self._due = self._seen = 0.0
+        self.period_s = 1.0 / RATE_HZ
         self._status = ""
         self._overlaid = pictures.overlay is not None
         self.window = gui.add_panel()
@@ -94,7 +103,11 @@ class CameraWindow:
             self.image._data = fresh  # pyright: ignore[reportPrivateUsage]
 
     def show_status(self) -> None:
-        """Show the rate of pictures, or the reason why none come."""
+        """Show the rate of pictures, or the reason why none come; leave the arms their time."""
+        if self._pictures.behind:
+            self.period_s = min(self.period_s * YIELD, 1.0 / SLOWEST_HZ)
+        else:
+            self.period_s = max(self.period_s / RECOVER, 1.0 / RATE_HZ)
         status = self._pictures.failure or self._figures()
         if status != self._status:
             self._status = status
@@ -106,6 +119,8 @@ class CameraWindow:
         if len(self._came) < 2:
             return "no image yet"
         rate = (len(self._came) - 1) / max(self._came[-1] - self._came[0], 1e-9)
+        if self.period_s > 2.0 / RATE_HZ:
+            return f"{rate:.0f} a second: the arms keep time"
         dropped = self._pictures.dropped
         return f"{rate:.0f} a second" + (f", {dropped} dropped" if dropped else "")
 
@@ -132,7 +147,7 @@ class CameraWindow:
         now = time.perf_counter()
         if self._view == OFF or now - self._seen > VISIBLE_S or now < self._due:
             return ()
-        self._due = (self._due if now - self._due < 1.0 / RATE_HZ else now) + 1.0 / RATE_HZ
+        self._due = (self._due if now - self._due < self.period_s else now) + self.period_s
         self._awaited = True
         return (self._camera,)
 

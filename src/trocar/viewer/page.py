@@ -108,6 +108,7 @@ class Page:
         eyes = {} if pictures is None else pictures.cameras(world)
         self._contents = Contents(
             rig=world.rig.name,
+            camera=(server.initial_camera.position, server.initial_camera.look_at),
             loop=loop,
             arms={name: read_arm(world, name) for name in names},
             poses=world.rig.poses,

@@ -70,6 +70,7 @@ class Page:
         folders: make further parts of each browser's page
 
     Attributes:
+        server: as given
         bodies: of the arms and objects, for all browsers
         desks: {browser: its page}
         notices: the last warnings
@@ -89,7 +90,7 @@ class Page:
         note: Callable[[], str] | None = None,
         folders: Sequence[Callable[[Desk], Folder]] = (),
     ) -> None:
-        self._server, self._loop = server, loop
+        self.server, self._loop = server, loop
         self._waits_since_s: float | None = None
         self.waits = False
         self.notices = Notices()
@@ -166,7 +167,7 @@ class Page:
         self._begin_when_seen()
         self.notices.follow({name: arm.state == "ENABLED" for name, arm in now.arms.items()})
         banner = self._banner(state)
-        with self._server.atomic():
+        with self.server.atomic():
             self._show_bodies(now)
             self._drawings.show(now)
         self._ask_tips()
@@ -219,13 +220,13 @@ class Page:
         """Show the error that stopped the simulation."""
         for desk in self.desks.values():
             desk.fail(error)
-        self._server.flush()
+        self.server.flush()
 
     def part(self, text: str) -> None:
         """Show why the page closes."""
         for desk in self.desks.values():
             desk.fail(TrocarError(text))
-        self._server.flush()
+        self.server.flush()
 
 
 def serve(

@@ -131,7 +131,7 @@ print("digests", [one.digest for one in play({str(touch)!r}, range(4))])
             "with one worker only",
         ),
         (["peg-board", "--headless", "--record-images"], "requires --record FILE"),
-        (["peg-board", "--headless", "--start", "now"], "--start: allowed without --headless"),
+        (["peg-board", "--headless", "--start", "now"], "allowed without --headless only"),
         (["peg-board", "--no-page", "--start", "viewer"], "--start: got viewer with --no-page"),
     ],
 )

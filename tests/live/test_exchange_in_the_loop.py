@@ -78,15 +78,15 @@ def test_a_person_chooses_an_instrument(server: LocalServer) -> None:
     assert world.arm("PSM1").description.tool == MARYLAND
 
 
-def test_the_page_shows_the_new_instrument_and_its_limits(
-    server: LocalServer, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_page_shows_the_new_instrument_and_its_limits(server: LocalServer) -> None:
     world = World("psm")
     loop = Loop(world, speed="max")
     page = Page(server, world, loop)
-    monkeypatch.setattr(server, "get_clients", lambda: {0: None})
-    assert page.panel.controls is not None
-    wide = page.panel.controls.sliders.handles[5]
+    desk = page.open(server)
+    desk.build(1920)
+    assert desk.panel is not None and desk.tables is not None
+    assert desk.panel.controls is not None
+    wide = desk.panel.controls.sliders.handles[5]
     assert wide.label == "wrist_yaw deg" and wide.max == pytest.approx(80.0, abs=0.1)
     looks = dict(page.bodies.glbs)
 
@@ -98,42 +98,42 @@ def test_the_page_shows_the_new_instrument_and_its_limits(
     look()
     loop.post(Command("PSM1", "set_tool_type", {"name": MARYLAND}))
     look()
-    assert page.panel.controls is not None
-    sliders = page.panel.controls.sliders.handles
+    assert desk.panel.controls is not None
+    sliders = desk.panel.controls.sliders.handles
     assert sliders[5].max == pytest.approx(90.0, abs=0.1)
     changed = [body for body, packed in page.bodies.glbs.items() if looks[body] != packed]
     assert len(changed) == 3
-    assert page.panel.controls.instrument is not None
-    assert page.panel.controls.instrument.handle.value == MARYLAND
+    assert desk.panel.controls.instrument is not None
+    assert desk.panel.controls.instrument.handle.value == MARYLAND
     loop.post(
         Command("PSM1", "set_tool_type", {"name": "none"})
     )  # fewer joints and bodies than the page knew
     look()
-    assert page.panel.controls is not None
-    assert len(page.panel.controls.sliders.handles) == 3
+    assert desk.panel.controls is not None
+    assert len(desk.panel.controls.sliders.handles) == 3
     assert len(page.bodies.glbs) == len(looks) - 5
-    assert "PSM1/insertion/measured" in page.tables.joints.content
-    assert "jaw" not in page.tables.joints.content
+    assert "PSM1/insertion/measured" in desk.tables.joints.content
+    assert "jaw" not in desk.tables.joints.content
     assert page.bodies.show(loop.latest) == 0  # everything was sent
 
 
-def test_another_arm_s_controls_wait_for_its_sheet(
-    server: LocalServer, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_another_arm_s_controls_wait_for_its_sheet(server: LocalServer) -> None:
     """An arm that lost its jaw while another one was on the panel, and is chosen then."""
     world = World("three_psm")
     loop = Loop(world, speed="max")
     page = Page(server, world, loop)
-    monkeypatch.setattr(server, "get_clients", lambda: {0: None})
+    desk = page.open(server)
+    desk.build(1920)
+    assert desk.panel is not None and desk.tables is not None
     loop.post(Command("PSM2", "set_tool_type", {"name": "none"}))
     for _ in range(6):
         loop.run(0.02)
         page.refresh()
-    page.panel.choice._impl.value = "PSM2"
-    page.panel.choose()
-    assert page.panel.controls is None
+    desk.panel.choice._impl.value = "PSM2"
+    desk.panel.choose()
+    assert desk.panel.controls is None
     for _ in range(12):
         page.refresh()
         loop.run(0.02)
-    assert page.panel.controls is not None
-    assert len(page.panel.controls.sliders.handles) == 3
+    assert desk.panel.controls is not None
+    assert len(desk.panel.controls.sliders.handles) == 3

@@ -131,6 +131,8 @@ print("digests", [one.digest for one in play({str(touch)!r}, range(4))])
             "with one worker only",
         ),
         (["peg-board", "--headless", "--record-images"], "requires --record FILE"),
+        (["peg-board", "--headless", "--start", "now"], "allowed without --headless only"),
+        (["peg-board", "--no-page", "--start", "viewer"], "--start: got viewer with --no-page"),
     ],
 )
 def test_bad_options_are_one_line_and_status_2(words: list[str], message: str) -> None:

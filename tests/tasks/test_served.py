@@ -50,7 +50,8 @@ def test_the_policy_moves_as_without_a_loop_to_the_last_bit_and_again_after_a_re
         while not task.done:
             loop.tick(loop.quiet_ticks())
         assert task.result(2) == alone
-        assert "scripted policy: done" in served.note() and "2 of 2" in served.note()
+        now = served.state()
+        assert (now["reason"], now["met"], now["goals"]) == ("done", 2, 2)
         task.world.reset()  # as somebody on the page does
         loop.tick(loop.quiet_ticks())
         assert not task.done and task.world.time < 0.01
@@ -65,11 +66,11 @@ def test_an_instrument_taken_away_ends_the_episode_and_not_the_loop(touch: Path)
     arm.runtime.set_tool_type("none")
     for _ in range(50):
         loop.tick(loop.quiet_ticks())
-    assert f"{arm.name}: not the instrument of the scene" in served.note()
+    assert f"{arm.name}: not the instrument of the scene" in served.state()["reason"]
     task.world.arm(arm.name).runtime.set_tool_type(tool)
     task.world.reset()
     loop.tick(loop.quiet_ticks())
-    assert "instrument" not in served.note()
+    assert "instrument" not in served.state()["reason"]
     assert not task.done
 
 
@@ -85,4 +86,45 @@ def test_what_a_policy_raises_is_shown_as_text(touch: Path) -> None:
     served.watch(loop)
     for _ in range(50):
         loop.tick()
-    assert "&lt;own&gt;: &lt;b&gt;own.py&lt;/b&gt;: line 3" in served.note()
+    assert served.driver == "<own>"
+    assert served.state()["reason"] == "<b>own.py</b>: line 3"
+
+
+def test_a_person_takes_the_arms_and_gives_them_back(touch: Path) -> None:
+    task = make_task(str(touch))
+    served, loop = ServedTask(task, 2, script=scripted), Loop(task.world, tick_s=0.001, speed="max")
+    served.watch(loop)
+    for _ in range(100):
+        loop.tick()
+    served.take_control()
+    for _ in range(50):  # what was under way ends
+        loop.tick()
+    arm = task.world.arm(task.arms[0])
+    held = arm.joints.setpoints()
+    for _ in range(100):
+        loop.tick()
+    assert np.array_equal(arm.joints.setpoints(), held)
+    assert served.state()["taken"] and served.state()["by_hand"]
+    arm.move_jp(held[:-1] + 0.01)
+    for _ in range(500):
+        loop.tick()
+    served.give_back()
+    before = arm.joints.setpoints()
+    loop.tick(loop.quiet_ticks())
+    assert np.abs(arm.joints.setpoints() - before).max() < 0.005  # no leap to where it was
+    while not task.done:
+        loop.tick(loop.quiet_ticks())
+    assert served.state()["by_hand"] and not served.state()["taken"]
+
+
+def test_the_next_seed_begins_by_itself_and_moves_as_an_episode_of_its_own(touch: Path) -> None:
+    alone = run_episode(make_task(str(touch)), 4)
+    task = make_task(str(touch))
+    served, loop = ServedTask(task, 3, script=scripted), Loop(task.world, tick_s=0.001, speed="max")
+    served.watch(loop)
+    served.repeating = True
+    while served.state()["seed"] == 3 or not task.done:
+        loop.tick(loop.quiet_ticks())
+        assert loop.state.ticks < 60_000
+    assert task.result(4) == alone
+    assert served.state()["seed"] == 4

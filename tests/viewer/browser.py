@@ -30,7 +30,7 @@ FLAGS = (
     "--disable-component-update",
     "--disable-sync",
     "--hide-scrollbars",
-    "--window-size=860,700",  # little to draw
+    "--window-size=1320,500",  # just wide enough for the measurements, and little to draw
 )
 #: The environment: Mesa draws in software on every machine.
 DRAWN_BY = {**os.environ, "LIBGL_ALWAYS_SOFTWARE": "1"}

@@ -16,7 +16,17 @@ from tests.live.fake_renderer import FakeRenderer
 from trocar.live import Loop
 from trocar.live.images import Order, Overlay, Packer, Pictures, Shot
 from trocar.simulation import World
-from trocar.viewer.cameras import ANAGLYPH, BOTH, LEFT, OFF, RIGHT, VISIBLE_S, CameraWindow
+from trocar.viewer.cameras import (
+    ANAGLYPH,
+    BOTH,
+    LEFT,
+    OFF,
+    RATE_HZ,
+    RIGHT,
+    SLOWEST_HZ,
+    VISIBLE_S,
+    CameraWindow,
+)
 from trocar.viewer.page import Page
 from trocar.viewer.server import LocalServer, run_there, serving
 
@@ -164,23 +174,30 @@ def test_the_line_says_how_many_come_and_what_went_wrong(
     assert "no OpenGL &lt;b&gt;" in window.line.content
 
 
-def test_the_page_has_the_window_and_shows_what_is_drawn(
-    server: LocalServer, world: World, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_page_has_the_window_and_shows_what_is_drawn(server: LocalServer, world: World) -> None:
     loop = Loop(world, speed="max")
     pictures = Pictures(loop, FakeRenderer)
     pictures.start()
     page = run_there(server, lambda: Page(server, world, loop, pictures))
-    monkeypatch.setattr(server, "get_clients", lambda: {0: None})
-    assert page.cameras is not None
-    before = page.cameras.image._data
+    desk = run_there(server, lambda: page.open(server))
+    run_there(server, lambda: desk.build(1920))
+    assert desk.cameras is not None
+    before = desk.cameras.image._data
     end = time.monotonic() + 20
-    while page.cameras.image._data is before:
+    while desk.cameras.image._data is before:
         assert time.monotonic() < end
         run_there(server, page.refresh)
         loop.run(0.02)
     pictures.close()
-    assert run_there(server, lambda: Page(server, world, loop)).cameras is None
+    run_there(server, lambda: page.leave(0))
+    assert not pictures.wanted
+
+
+def test_without_pictures_there_is_no_window(server: LocalServer, world: World) -> None:
+    page = run_there(server, lambda: Page(server, world, Loop(world)))
+    desk = run_there(server, lambda: page.open(server))
+    run_there(server, lambda: desk.build(1920))
+    assert desk.cameras is None
 
 
 def test_overlays_are_shown_until_they_are_switched_off(
@@ -196,3 +213,13 @@ def test_overlays_are_shown_until_they_are_switched_off(
         assert window.wanted() == ("endoscope",)
         window.take(shot(overlay=pictures.overlay))
         assert np.abs(shown(server, window) - brightness).max() < 4
+
+
+def test_pictures_become_rare_while_the_arms_fall_behind_and_come_back(
+    window: CameraWindow, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for behind, period_s in ((True, 1.0 / SLOWEST_HZ), (False, 1.0 / RATE_HZ)):
+        monkeypatch.setattr(Pictures, "behind", behind)
+        for _ in range(100):
+            window.show_status()
+        assert window.period_s == pytest.approx(period_s)

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import viser
 from viser.infra._async_message_buffer import AsyncMessageBuffer
 
 import trocar
@@ -21,7 +20,9 @@ from tests.live.fake_world import FakeWorld
 from trocar.errors import DivergedError, InputError
 from trocar.live import Loop
 from trocar.viewer import serve
-from trocar.viewer.server import address, serving
+from trocar.viewer.desk import SILENT_S
+from trocar.viewer.page import Page
+from trocar.viewer.server import LocalServer, address, serving
 
 
 def fake(**options: Any) -> Any:
@@ -119,6 +120,14 @@ def test_the_page_cannot_be_tunnelled_to_the_outside() -> None:
         assert server.request_share_url() is None
 
 
+class OpenPage(Page):
+    """A page that a browser has open from the start."""
+
+    def __init__(self, server: LocalServer, *rest: Any, **more: Any) -> None:
+        super().__init__(server, *rest, **more)
+        self.open(server)
+
+
 def test_the_page_speaks_from_visers_own_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     speakers: list[str] = []
     push = AsyncMessageBuffer.push
@@ -130,8 +139,8 @@ def test_the_page_speaks_from_visers_own_thread(monkeypatch: pytest.MonkeyPatch)
     def begin(_: str) -> None:
         monkeypatch.setattr(AsyncMessageBuffer, "push", listen)
 
-    monkeypatch.setattr(viser.ViserServer, "get_clients", lambda _: {0: None})
-    serve(fake(), port=0, duration_s=0.5, on_ready=begin)
+    monkeypatch.setattr("trocar.viewer.page.Page", OpenPage)
+    serve(fake(), port=0, duration_s=SILENT_S + 0.5, on_ready=begin)
     assert len(speakers) > 10
     assert threading.current_thread().name not in speakers and len(set(speakers)) == 1
 

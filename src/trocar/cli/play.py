@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_json, allow, allow_overwrite, names_of, options
 from trocar.cli.output import fixed, print_result, progress_bar, table
-from trocar.cli.serving import add_serving, allow_headless, serve
+from trocar.cli.serving import add_serving, allow_headless, serve, serve_chosen
 from trocar.cli.worlds import (
     add_look,
     add_record,
@@ -69,6 +69,8 @@ def add_arguments(parser: ArgumentParser) -> None:
                                 seconds
         --speed SPEED:speed     of serving: realtime (default); max, as fast as possible; or a
                                 factor of real time: 0.2 is slow motion
+        --start viewer|now      of serving: begin when a browser shows the scene (default where a
+                                policy drives, without --duration), or at once
         --set KEY=VALUE ... as settings
                                 value of a key of the scene's file by its dotted path, as
                                 time_limit_s=90 or pad.stitches=4; for several keys more than once
@@ -166,7 +168,10 @@ def _allow(args: Namespace) -> None:
     if not args.headless:
         names = ("json", "video", "episodes", "workers", "cluster")
         allow(args, "with --headless", *names)
+        if args.no_page and args.start == "viewer":
+            raise InputError("--start: got viewer with --no-page; allowed: without --no-page")
         return
+    allow(args, "without --headless", "start")
     allow_headless(args)
     if args.speed not in (None, "max"):
         raise InputError(f"--speed: got {args.speed} with --headless; allowed: max")
@@ -251,8 +256,17 @@ def _serve(args: Namespace, script: Script, policy: str) -> int:
     else:
         driver = f"policy {policy}" if policy else "scripted policy"
         served = ServedTask(task, args.seed, script=script, driver=driver)
-    serve(task.world, args, task=served)
-    print(_report([task.result(args.seed)]))
+    waits = bool(served.driver) and not args.no_page and args.duration is None
+    start = args.start or ("viewer" if waits else "now")
+    if start == "viewer":
+        print(
+            "trocar: the policy begins when a browser shows the scene (--start now: at once)",
+            file=sys.stderr,
+            flush=True,
+        )
+    chosen = serve(task.world, args, task=served, loads=True, start=start)
+    print(_report([task.result(served.state()["seed"])]))
+    serve_chosen(chosen, args)
     return 0
 
 

@@ -17,9 +17,11 @@ from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Literal, NoReturn
+from urllib.parse import urlsplit
 
 from trocar.cli.arguments import add_origin, add_port, allow, names_of, options
+from trocar.cli.gallery import controls, gallery, load
 from trocar.cli.worlds import (
     add_cameras,
     add_look,
@@ -37,6 +39,7 @@ if TYPE_CHECKING:
     from trocar.tasks.served import ServedTask
     from trocar.teleoperation.session import Session
     from trocar.teleoperation.virtual_fixtures import Fixtures
+    from trocar.viewer import Choice
 
 PACKAGE = "trocar.ros.transports"
 TRANSPORTS = Path(__file__).parents[1] / "ros" / "transports"
@@ -122,7 +125,10 @@ def serve(
     session: Session | None = None,
     components: Sequence[Component] = (),
     task: ServedTask | None = None,
-) -> None:
+    *,
+    loads: bool = False,
+    start: Literal["viewer", "now"] = "now",
+) -> Choice | None:
     """Run and serve a world until Ctrl-C or the end of --duration.
 
     Args:
@@ -131,6 +137,11 @@ def serve(
         session: teleoperation by devices of this machine; None: clients drive the rig's masters
         components: further topics
         task: a scene's count and policy, for its topic and the page
+        loads: whether the web viewer offers other rigs and scenes
+        start: "viewer" keeps time still until a browser shows the scene
+
+    Returns:
+        what was chosen in the web viewer, to be given to `serve_chosen`; None otherwise
 
     Raises:
         InputError: port, host, token or fixture is not usable, or nothing is served
@@ -168,6 +179,8 @@ def serve(
             fixtures.check_masters(())
 
     def greet(*addresses: str) -> None:
+        if addresses:
+            args.port = urlsplit(addresses[0]).port
         first, *others = (*addresses, *(str(getattr(t, "greeting", t.name)) for t in transports))
         if access.token is not None:
             found = dict(zip(("web_viewer",), addresses, strict=False))
@@ -216,23 +229,47 @@ def serve(
                 greet()
                 loop.wait()
             loop.wait()  # raises what went wrong after Ctrl-C, as with the recording's last chunk
-            return
+            return None
         from trocar.viewer import serve as serve_page
 
         addresses = (getattr(transport, "viewer_address", None) for transport in transports)
         socket = next(filter(None, addresses), None)
-        serve_page(
+        chosen = serve_page(
             world,
             port=args.port,
             duration_s=args.duration,
             on_ready=greet,
             loop=loop,
             pictures=pictures,
-            note=task and task.note,
             driving=session and session.driving(socket),
             access=access,
+            scene=task and controls(task),
+            gallery=gallery(task.task.scene.name if task else world.rig.name) if loads else None,
+            start=start,
         )
         loop.wait()
+        return chosen
+
+
+def serve_chosen(chosen: Choice | None, args: Namespace) -> None:
+    """Serve what was chosen in the web viewer, at the same port, and what is chosen after it.
+
+    Recordings, fixtures and changes of the rig were of the world before.
+
+    Args:
+        chosen: by `serve`
+        args: parsed options of `add_serving`
+    """
+    args = Namespace(**vars(args))
+    for name in ("record", "record_images", "foxglove_record", "fixture"):
+        if name in args:
+            setattr(args, name, None)
+    while chosen is not None:
+        print(f"trocar: {chosen.name}: starting ...", file=sys.stderr, flush=True)
+        world, task = load(chosen)
+        waits = task is not None and bool(task.driver)
+        start: Literal["viewer", "now"] = "viewer" if waits else "now"
+        chosen = serve(world, args, task=task, loads=True, start=start)
 
 
 def _fixtures(world: World, args: Namespace) -> Fixtures | None:

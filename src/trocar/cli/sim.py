@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_json, allow, allow_overwrite, names_of, options
 from trocar.cli.output import print_result, progress_steps, table
-from trocar.cli.serving import add_serving, allow_headless, serve
+from trocar.cli.serving import add_serving, allow_headless, serve, serve_chosen
 from trocar.cli.worlds import (
     add_look,
     add_record,
@@ -66,7 +66,7 @@ def run(args: Namespace) -> int:
     if not args.headless:
         print(f"trocar: {args.rig}: starting ...", file=sys.stderr, flush=True)
         world = make_world(args, args.tip_load)
-        serve(world, args)
+        serve_chosen(serve(world, args, loads=True), args)
         return 0
     if isinstance(args.speed, float):
         raise InputError(f"--speed: got {args.speed:g} with --headless; allowed: realtime, max")

@@ -51,6 +51,9 @@ MOST_REFUSED = 5
 COMPLAIN_S = 30.0
 #: Time limit of the last picture when drawing ends [s]. Source: our own choice.
 FAREWELL_S = 5.0
+#: Real-time factor below which drawing takes time from the arms. Source: our own choice: the
+#: factor of a loop that keeps time is measured within 0.01.
+BEHIND = 0.97
 Format = Literal["jpeg", "png"]
 FORMATS: tuple[str, ...] = get_args(Format)
 Picture = NDArray[np.uint8]
@@ -379,6 +382,11 @@ class Pictures:
         """Do nothing: cameras have no commands."""
 
     @property
+    def behind(self) -> bool:
+        """Whether the loop falls behind real time."""
+        return 0.0 < self._loop.real_time_factor < BEHIND
+
+    @property
     def waiting(self) -> bool:
         """Whether a snapshot waits to be drawn."""
         return self._worker.waiting
@@ -451,6 +459,7 @@ class Pictures:
                 "rendering is slower than %g Hz: %d images dropped so far",
                 self.rate_hz,
                 self.dropped,
+                extra={"in_status": True},  # the web viewer has it in the cameras' status line
             )
 
     # ------------------------------------------------------------------ the drawing thread

@@ -123,12 +123,16 @@ class TipController:
     def begin(self) -> None:
         """Hold the arms where they are, with nothing counted."""
         self.register()
+        self.resume()
+        self.stalled = dict.fromkeys(self.arms, 0.0)
+        self.stalls.clear()
+
+    def resume(self) -> None:
+        """Hold the arms where they are, as after other commands."""
         for name, driven in self._driven.items():
             self._joints[name] = driven.arm.joints.setpoints()
             if driven.arm.description.type == "PSM":
                 self._targets[name] = driven.arm.measured_cp("world").matrix
-        self.stalled = dict.fromkeys(self.arms, 0.0)
-        self.stalls.clear()
 
     def setpoints(self, action: ArrayLike) -> list[Row]:
         """Compute the set-points of an action, one row for every `EVERY` physics steps.

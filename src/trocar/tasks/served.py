@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
-from html import escape
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from trocar.live.inbox import Command
 from trocar.live.state import Elapsed
 from trocar.ros import Component, Core
 from trocar.ros.topic import STRING, Topic, served
+from trocar.simulation.journal import WORLD
 from trocar.tasks.controller import EVERY, PERIOD_S, Row
 from trocar.tasks.play import Script
 from trocar.tasks.task import Task
@@ -26,6 +26,9 @@ Array = NDArray[np.float64]
 TOPIC = "task/state"
 #: Interval of messages while nothing but the time changes. Source: our own choice. [s]
 REPORT_S = 1.0
+#: Time between the end of an episode and the next one that begins by itself. Source: our own
+#: choice, long enough to see the end. [s]
+REST_S = 2.0
 #: Entries of a state that change with time alone.
 PASSING = ("time_s", "score")
 
@@ -49,13 +52,21 @@ class ServedTask:
         seed: of the episode
         script: returns the actions of an episode; None: a person or a client drives
         driver: label of the script in the web viewer
+
+    Attributes:
+        driver: as given; "" without a script
+        repeating: whether the episode of the next seed begins after the end of one
     """
 
     def __init__(
         self, task: Task, seed: int, *, script: Script | None, driver: str = "scripted policy"
     ) -> None:
         self.task, self._seed, self._script = task, seed, script
-        self._driver = "you drive" if script is None else driver
+        self.driver = "" if script is None else driver
+        self.repeating = False
+        self._taken = self._by_hand = self._astray = False
+        self._ended_s = 0.0
+        self._loop: Loop | None = None
         self._core: Core | None = None
         self._sent: dict[str, Any] = {}
         self._every = EVERY if script else round(PERIOD_S / task.world.timestep)
@@ -67,6 +78,7 @@ class ServedTask:
     def watch(self, loop: Loop) -> None:
         """Count, and drive, while a loop runs."""
         self._substeps = round(loop.tick_s / self.task.world.timestep)
+        self._loop = loop
         loop.watch(self)
 
     def component(self) -> Component:
@@ -85,27 +97,33 @@ class ServedTask:
         """The function that draws into the cameras' images, None for a scene that draws nothing."""
         return self.task.overlay
 
-    def note(self) -> str:
-        """Return the note of the web viewer, HTML."""
-        state = self._state
-        cards = {
-            "score": f"{state['score']:.0f}",
-            "goals": f"{state['met']} of {state['goals']}",
-            "drops": str(state["drops"]),
-            "time": f"{state['time_s']:.1f} s",
-        }
-        made = "".join(
-            f'<div class="card"><span>{k}</span><b>{v}</b></div>' for k, v in cards.items()
-        )
-        end = f": {escape(str(state['reason']))}" if state["done"] else ""
-        return (
-            f'<div class="note">{self.task.scene.title}<br>{escape(self._driver)}{end}</div>'
-            f'<div class="cards">{made}</div>'
-        )
+    def state(self) -> dict[str, Any]:
+        """Return the newest count, the seed, and who drives; from any thread.
+
+        Returns:
+            the entries of `task/state`, and seed, "taken" (a person has the arms of the policy) and
+            "by_hand" (a person had them at some time in this episode)
+        """
+        more = {"seed": self._begun, "taken": self._taken, "by_hand": self._by_hand}
+        return {**self._state, **more}
+
+    def take_control(self) -> None:
+        """Stop the policy, whose arms then belong to a person or a client; from any thread."""
+        self._taken = bool(self._script)
+
+    def give_back(self) -> None:
+        """Let the policy go on from where the arms are; from any thread."""
+        self._taken = False
+
+    def begin(self, seed: int) -> None:
+        """Begin the episode of a seed, by a reset of the world; from any thread."""
+        self._seed = seed
+        if self._loop is not None:
+            self._loop.post(Command(WORLD, "reset"))
 
     # ------------------------------------------------------------------ a watcher of the loop
 
-    def ticked(self, elapsed: Elapsed) -> None:  # noqa: ARG002
+    def ticked(self, elapsed: Elapsed) -> None:
         """Count and drive when a period is over."""
         periods = self.task.world.periods
         again = periods < self._periods
@@ -122,6 +140,11 @@ class ServedTask:
                 self._rows.clear()
                 self._state = {**self._state, "done": True, "reason": self._ended}
         self._periods = self.task.world.periods
+        if not self._state["done"]:
+            self._ended_s = elapsed.simulated_s
+        elif self.repeating and not self._ended and elapsed.simulated_s - self._ended_s > REST_S:
+            self._ended_s = elapsed.simulated_s
+            self.begin(self._begun + 1)
         self._report()
 
     def _exchanged(self) -> str:
@@ -143,7 +166,9 @@ class ServedTask:
 
     def _reset(self) -> None:
         self.task.reset(self._seed)
+        self._begun = self._seed
         self._rows: list[Row] = []
+        self._by_hand, self._astray = self._taken, False
         self._actions: Iterator[Array] = self._script(self.task) if self._script else iter(())
         self._periods = self.task.world.periods
         self._state = self.task.state()
@@ -159,7 +184,12 @@ class ServedTask:
                 if self._core is not None:
                     self._core.emit(name, {"data": json.dumps(content)})
             self._state = task.state()
-            if self._script and not task.done:
+            if self._taken:
+                self._by_hand = self._astray = True
+            elif self._script and not task.done:
+                if self._astray:
+                    self._astray = False
+                    task.controller.resume()
                 action = next(self._actions, None)
                 self._rows = task.controller.setpoints(task.stay() if action is None else action)
         if self._rows:

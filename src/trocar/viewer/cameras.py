@@ -12,6 +12,7 @@ import viser
 
 from trocar.live.images import Packer, Picture, Pictures, Shot
 from trocar.rendering.frames import anaglyph, side_by_side
+from trocar.viewer.help import hint
 from trocar.viewer.server import when_pressed, when_touched
 
 RATE_HZ = 30.0
@@ -22,6 +23,13 @@ SPAN = 30
 
 VISIBLE_S = 0.2
 """Time without a refresh after which the page is closed and no picture is drawn [s]."""
+
+SLOWEST_HZ = 2.0
+"""Least rate of pictures while the arms fall behind real time. Source: our own choice."""
+
+YIELD, RECOVER = 1.5, 1.1
+"""Factors by which pictures become rarer while the arms fall behind, and more frequent again, five
+times a second. Source: our own choice."""
 
 WIDTH, GAP = 345, 12
 """Width of the window and distance from the edges, in CSS pixels. Source: chosen by eye."""
@@ -42,12 +50,21 @@ class CameraWindow:
         gui: the page's widgets
         pictures: draws the cameras
         cameras: {name: number of eyes}, the first one is shown
+        width: of the window [CSS px]
 
     Attributes:
         image, line: the picture, and the line below it
+        period_s: time between two pictures; longer while the arms fall behind real time
+        window: the panel
     """
 
-    def __init__(self, gui: viser.GuiApi, pictures: Pictures, cameras: Mapping[str, int]) -> None:
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        pictures: Pictures,
+        cameras: Mapping[str, int],
+        width: int = WIDTH,
+    ) -> None:
         self._pictures, self._cameras = pictures, dict(cameras)
         self._packer = Packer()
         self._camera, self._view = next(iter(cameras)), LEFT
@@ -55,21 +72,24 @@ class CameraWindow:
         self._awaited = False
         self._came: deque[float] = deque(maxlen=SPAN)
         self._due = self._seen = 0.0
+        self.period_s = 1.0 / RATE_HZ
         self._status = ""
         self._overlaid = pictures.overlay is not None
-        window = gui.add_panel()
-        with window.add_tab("Cameras"):
+        self.window = gui.add_panel()
+        with self.window.add_tab("Cameras"):
             if len(cameras) > 1:
-                choice = gui.add_dropdown("Camera", list(cameras))
+                choice = gui.add_dropdown("Camera", list(cameras), hint=hint("Camera"))
                 when_touched(choice, self.choose_camera)
             both = max(cameras.values()) > 1
             views = (LEFT, RIGHT, BOTH, ANAGLYPH, OFF) if both else (LEFT, OFF)
-            when_pressed(gui.add_button_group("View", views), self.choose_view)
+            when_pressed(gui.add_button_group("View", views, hint=hint("View")), self.choose_view)
             if self._overlaid:
-                when_touched(gui.add_checkbox("Overlays", True), self.choose_overlays)
+                when_touched(
+                    gui.add_checkbox("Overlays", True, hint=hint("Overlays")), self.choose_overlays
+                )
             self.image = gui.add_image(np.zeros((480, 640, 3), np.uint8), format="jpeg")
             self.line = gui.add_html(FULL_SCREEN.format(status=""))
-        window.float(x=GAP, y=-GAP, width=WIDTH)  # the arms stay in sight
+        self.window.float(x=GAP, y=-GAP, width=width)  # the arms stay in sight
         self.leave = pictures.add(self)
 
     # ------------------------------------------------------------------ viser's thread
@@ -83,7 +103,11 @@ class CameraWindow:
             self.image._data = fresh  # pyright: ignore[reportPrivateUsage]
 
     def show_status(self) -> None:
-        """Show the rate of pictures, or the reason why none come."""
+        """Show the rate of pictures, or the reason why none come; leave the arms their time."""
+        if self._pictures.behind:
+            self.period_s = min(self.period_s * YIELD, 1.0 / SLOWEST_HZ)
+        else:
+            self.period_s = max(self.period_s / RECOVER, 1.0 / RATE_HZ)
         status = self._pictures.failure or self._figures()
         if status != self._status:
             self._status = status
@@ -95,6 +119,8 @@ class CameraWindow:
         if len(self._came) < 2:
             return "no image yet"
         rate = (len(self._came) - 1) / max(self._came[-1] - self._came[0], 1e-9)
+        if self.period_s > 2.0 / RATE_HZ:
+            return f"{rate:.0f} a second: the arms keep time"
         dropped = self._pictures.dropped
         return f"{rate:.0f} a second" + (f", {dropped} dropped" if dropped else "")
 
@@ -121,7 +147,7 @@ class CameraWindow:
         now = time.perf_counter()
         if self._view == OFF or now - self._seen > VISIBLE_S or now < self._due:
             return ()
-        self._due = (self._due if now - self._due < 1.0 / RATE_HZ else now) + 1.0 / RATE_HZ
+        self._due = (self._due if now - self._due < self.period_s else now) + self.period_s
         self._awaited = True
         return (self._camera,)
 

@@ -1,33 +1,222 @@
 "use strict";
-// Runs in viser's page before viser's client does.
+// Runs in viser's page before viser's client does. All that trocar changes of viser's client is here.
 (() => {
   const query = "{{QUERY}}";
+  const nonce = document.currentScript.nonce;
   const server = `${location.origin.replace(/^http/, "ws")}/?${query}`;
+  const FIELD = "trocar";        // label of the hidden field that carries JSON both ways
+  const SILENT_MS = 4000;        // the simulator sends a beat a second
+  const REPORT_MS = 3000;
+  const MOVING_HZ = 8;           // fewer changes of the scene a second are no motion
+  const COVERED_MS = 20000;      // longer no browser waits behind the cover
+
+  // ------------------------------------------------------------------ what stands over the page
+  const frame = document.createElement("div");
+  frame.innerHTML = `<style>
+    #trocar-cover { position: fixed; inset: 0; z-index: 400; background: #e8edf2; display: flex;
+      align-items: center; justify-content: center; font: 16px system-ui, sans-serif;
+      color: #33475b; transition: opacity .3s; }
+    #trocar-cover.gone { opacity: 0; pointer-events: none; }
+    #trocar-bar { position: fixed; top: 8px; z-index: 90; display: none; transform: translateX(-50%);
+      box-sizing: border-box; background: rgba(255, 255, 255, .88); border-radius: 6px;
+      padding: 3px 6px 3px 10px; font: 13px/1.5 system-ui, sans-serif; color: #1d2733;
+      font-variant-numeric: tabular-nums; text-align: center; }
+    #trocar-bar span + span::before { content: "\\b7"; opacity: .5; margin: 0 6px; }
+    #trocar-bar span { display: inline-block; }
+    #trocar-bar button { font: inherit; font-weight: 600; border: 1px solid #c6d2de; margin-left: 8px;
+      border-radius: 4px; background: none; color: #1c6fa4; cursor: pointer; width: 24px; padding: 0; }
+    #trocar-banner { position: fixed; top: 0; left: 0; right: 0; z-index: 500; display: none;
+      background: #c92a2a; color: white; padding: 8px 16px; text-align: center;
+      font: 600 15px/1.4 system-ui, sans-serif; }
+    @media (max-width: 576px) { div[style*="width: 20em"] { width: 100% !important; } }
+    .trocar-dead .trocar :is(b, td + td), .trocar-dead #trocar-bar { visibility: hidden; }
+    .trocar-dead [data-trocar="scope"] { visibility: hidden; }
+    .trocar-dead :is(canvas, img) { filter: grayscale(1) opacity(.55); }
+    .trocar-dead :is(input, textarea) { color: transparent; }
+    .trocar-dead input, .trocar-dead button:not(#trocar-bar button) { pointer-events: none; }
+    </style><div id="trocar-cover" role="status">trocar: connecting to the simulator ...</div>
+    <div id="trocar-bar" data-trocar="bar"><span></span><button type="button"
+      data-trocar-send="help/" title="Keys, hints and pages of the documentation">?</button></div>
+    <div id="trocar-banner" role="alert" data-trocar="banner"></div>`;
+  document.documentElement.append(frame);
+  const [cover, bar, banner] = frame.querySelectorAll("#trocar-cover, #trocar-bar, #trocar-banner");
+  const line = bar.firstElementChild;
+  line.style.display = "contents";
+  const began = performance.now();
+
+  // ------------------------------------------------------------------ drawing without a graphics card
+  const software = /swiftshader|llvmpipe|softpipe|software/i.test(renderer());
+  if (software) {
+    // Four samples a pixel take longer than the rest of a picture.
+    const context = HTMLCanvasElement.prototype.getContext;
+    HTMLCanvasElement.prototype.getContext = function (kind, options) {
+      const plain = String(kind).startsWith("webgl") ? { ...options, antialias: false } : options;
+      return context.call(this, kind, plain);
+    };
+    // viser lays a notice over the arms; the line above the scene has it in two words.
+    const parameter = WebGL2RenderingContext.prototype.getParameter;
+    WebGL2RenderingContext.prototype.getParameter = function (name) {
+      return name === 0x9246 ? "" : parameter.call(this, name);  // UNMASKED_RENDERER_WEBGL
+    };
+  }
+  function renderer() {
+    const gl = document.createElement("canvas").getContext("webgl2");
+    const info = gl?.getExtension("WEBGL_debug_renderer_info");
+    const found = info ? gl.getParameter(info.UNMASKED_RENDERER_WEBGL) : "";
+    gl?.getExtension("WEBGL_lose_context")?.loseContext();
+    return String(found);
+  }
+
+  // ------------------------------------------------------------------ the connection
+  let worker = null, field = null, last = 0, lostAt = null, parting = "", changes = 0, scale = 1;
 
   // The page shows the secret of this run when it connects, and connects nowhere else.
   const post = Worker.prototype.postMessage;
   Worker.prototype.postMessage = function (message, ...rest) {
     if (message?.type !== "set_server") return post.call(this, message, ...rest);
-    this.addEventListener("message", (event) => {
-      if (event.data.type === "closed") reloadInANewRun();
-    });
+    worker = this;
+    this.addEventListener("message", (event) => hear(event.data));
     return post.call(this, { ...message, server }, ...rest);
   };
 
-  // A page that was left open has the secret of a run that is over.
+  function hear(data) {
+    if (data.type === "connected") {
+      lostAt = null;
+      last = performance.now();
+    } else if (data.type === "closed") {
+      lostAt ??= new Date();
+      field = null;
+      reloadInANewRun();
+    } else if (data.type === "message_batch") {
+      last = performance.now();
+      let moved = false;
+      for (const message of data.messages) {
+        if (message.type === "SetPositionMessage" || message.type === "SetOrientationMessage") {
+          moved = true;
+        } else if (message.type === "GuiTextMessage" && message.props.label === FIELD) {
+          field = message.uuid;
+          take(message.value);
+          report(null);
+        } else if (message.type === "GuiUpdateMessage" && message.uuid === field
+                   && "value" in message.updates) {
+          take(message.updates.value);
+        }
+      }
+      changes += moved;
+    }
+    show();
+  }
+
+  function take(text) {
+    const facts = JSON.parse(text);
+    if (facts.bar !== undefined) line.innerHTML = facts.bar;  // escaped by the simulator
+    parting = facts.banner ?? "";
+    scale = facts.scale ?? 1;
+    applyScale();
+  }
+
+  function send(value) {
+    if (worker === null || field === null) return;
+    const message = { type: "GuiUpdateMessage", uuid: field,
+                      updates: { value: JSON.stringify(value) } };
+    post.call(worker, { type: "send", message });
+  }
+
+  // A page that was left open has the secret and the policy of a run that is over.
   async function reloadInANewRun() {
     try {
       const page = await (await fetch(location.href)).text();
-      if (!page.includes(query)) location.reload();
+      if (!page.includes(nonce)) location.reload();
     } catch {
-      // Nothing is served: viser's client goes on asking.
+      // Nothing is served: the page goes on asking.
     }
   }
 
+  // ------------------------------------------------------------------ what the page shows of it
+  function show() {
+    const silent = field !== null && performance.now() - last > SILENT_MS;
+    let text = "";
+    if (lostAt !== null) {
+      text = parting || `No connection to the simulator since ${lostAt.toTimeString().slice(0, 8)}.`
+        + " The picture is the last one; the page returns when the simulator runs again.";
+    } else if (silent) {
+      const at = new Date(Date.now() - (performance.now() - last));
+      text = `The simulator has not answered since ${at.toTimeString().slice(0, 8)}.`
+        + " The picture is the last one.";
+    } else {
+      text = parting;
+    }
+    if (banner.textContent !== text) banner.textContent = text;
+    banner.style.display = text ? "block" : "none";
+    document.documentElement.classList.toggle("trocar-dead", lostAt !== null || silent);
+    place();
+    const ready = line.childElementCount > 0 || performance.now() - began > COVERED_MS;
+    if (ready || (lostAt !== null && parting)) cover.className = "gone";
+  }
+
+  function place() {
+    const canvas = window.__viserMutable?.canvas?.getBoundingClientRect();
+    bar.style.display = line.childElementCount > 0 ? "block" : "none";
+    if (!canvas || canvas.width < 60) return;
+    bar.style.left = `${canvas.left + canvas.width / 2}px`;
+    bar.style.width = "max-content";
+    bar.style.maxWidth = `${canvas.width - 16}px`;
+  }
+
+  function applyScale() {
+    const settings = window.__viserTestpoints?.devSettings;
+    const ratio = scale === 1 ? null : devicePixelRatio * scale;
+    if (settings && settings.get().fixedDpr !== ratio) settings.set({ fixedDpr: ratio });
+  }
+
+  // ------------------------------------------------------------------ what the simulator hears
+  let window_ = { at: performance.now(), frames: 0, changes: 0 };
+  function frames() { return window.__viserTestpoints?.rendererInfo.render.frame ?? 0; }
+  function drawn() {
+    const info = window.__viserTestpoints?.rendererInfo;
+    return Boolean(info) && info.render.triangles > 500;
+  }
+  function report(rate) {
+    send({ width: innerWidth, software, frames: rate, drawn: drawn() });
+  }
+  function measure() {
+    const now = performance.now(), count = frames(), span = (now - window_.at) / 1000;
+    const moving = changes - window_.changes > MOVING_HZ * span;
+    const rate = moving && !document.hidden ? (count - window_.frames) / span : null;
+    window_ = { at: now, frames: count, changes };
+    report(rate);
+  }
+  setInterval(measure, REPORT_MS);
+  setInterval(() => {
+    show();
+    applyScale();
+    // viser asks again only while its window has the focus.
+    if (lostAt !== null && worker !== null) post.call(worker, { type: "retry" });
+  }, 1000);
+  let told = false;
+  const first = setInterval(() => {
+    if (field !== null && drawn()) {
+      if (!told) report(null);
+      told = true;
+      clearInterval(first);
+    }
+  }, 100);
+  let resized = 0;
+  addEventListener("resize", () => {
+    clearTimeout(resized);
+    resized = setTimeout(() => { report(null); show(); }, 300);
+  });
+
+  // ------------------------------------------------------------------ presses
   // The policy lets no handler stand in an attribute of viser's HTML. Escape ends the full screen.
   addEventListener("click", (event) => {
+    const sender = event.target.closest("[data-trocar-send]");
+    if (sender) send({ press: sender.dataset.trocarSend });
     let at = event.target.closest('[data-trocar="full-screen"]'), picture = null;
     while (at && !(picture = at.querySelector("img"))) at = at.parentElement;
     picture?.requestFullscreen();
+  });
+  addEventListener("keydown", (event) => {
+    if (event.key === "?" && !event.target.closest?.("input, textarea")) send({ press: "help/" });
   });
 })();

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from trocar.geometry.rotations import matrix_from_quaternion, quaternion_from_matrix
 from trocar.geometry.se3 import transform
 from trocar.viewer.panel import Setting
-from trocar.viewer.server import LocalServer
 
 Floats = NDArray[np.float64]
 
@@ -80,20 +79,22 @@ class DrivingTab:
     """The tab, and the handles in the scene; made and refreshed in viser's thread.
 
     Args:
-        server: of the page; the tab is the container that is open
+        browser: has the widgets, of which the tab is the container that is open, and the scene
         driving: the controls
+        nonce: of the scripts that may run
     """
 
-    def __init__(self, server: LocalServer, driving: Driving) -> None:
+    def __init__(
+        self, browser: viser.ClientHandle | viser.ViserServer, driving: Driving, nonce: str
+    ) -> None:
         self._driving = driving
         self._refreshes, self._status = 0, ""
-        gui = server.gui
+        gui = browser.gui
         self._text = gui.add_html("")
         self._pedals = [(pedal, _pedal(gui, pedal)) for pedal in driving.pedals]
-        nonce = server.page.nonce
         gui.add_html(_frame(driving, nonce) if driving.websocket else _tables(driving))
         self._dragged: set[str] = set()
-        self._handles = {name: self._handle(server.scene, name) for name in driving.handles}
+        self._handles = {name: self._handle(browser.scene, name) for name in driving.handles}
 
     def show(self, tips: Mapping[str, Floats]) -> None:
         """Refresh; handles that are not dragged go to their tips, {arm: T_world_tip (4, 4)}."""
@@ -109,6 +110,11 @@ class DrivingTab:
             if name in tips and name not in self._dragged:
                 tip = tips[name]
                 node.position, node.wxyz = tip[:3, 3], quaternion_from_matrix(tip[:3, :3])
+
+    def remove(self) -> None:
+        """Take the handles out of the scene."""
+        for node in self._handles.values():
+            node.remove()
 
     def _handle(self, scene: viser.SceneApi, name: str) -> viser.TransformControlsHandle:
         """Add rings and arrows at a master's tip; dragging them carries the master."""

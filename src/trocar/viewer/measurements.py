@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import logging
 from collections import deque
-from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING
@@ -16,6 +14,8 @@ from numpy.typing import NDArray
 from viser import uplot
 
 from trocar.live.state import LoopState
+from trocar.viewer.help import hint
+from trocar.viewer.notices import Notices, html_of
 from trocar.viewer.panel import ArmInfo, JointInfo
 
 if TYPE_CHECKING:
@@ -25,8 +25,6 @@ Floats = NDArray[np.float64]
 
 WANDERS_M = 1e-6
 """Motion of a remote centre by a robot's own geometry from which the page shows it [m]."""
-
-WARNINGS_SHOWN = 3
 
 SPAN_S = 10.0
 """Length of the plots [s of simulated time]. Source: our own choice."""
@@ -44,7 +42,7 @@ TIME = "ago"
 STEPS = 5
 """Approximate number of steps of an axis."""
 
-STYLE = """<style>
+STYLE = """<style data-trocar="style">
 .trocar { font-size: 12.5px; padding: 1px 14px 3px 10px; font-variant-numeric: tabular-nums; }
 .trocar table { width: 100%; border-collapse: collapse; }
 .trocar th { text-align: right; font-weight: 500; opacity: .6; padding: 2px 3px; }
@@ -57,35 +55,12 @@ STYLE = """<style>
 .trocar .card b { font-size: 15.5px; font-weight: 600; white-space: nowrap; }
 .trocar b.good { color: #2b8a3e; } .trocar b.bad { color: #e03131; }
 .trocar .note { border-left: 3px solid #f08c00; padding: 1px 6px; margin: 3px 0; }
+.trocar .note time { opacity: .6; font-variant-numeric: tabular-nums; }
+.trocar .title, .trocar .who { padding: 2px 0 4px; }
+.trocar .who { padding: 4px 0 0; font-weight: 600; }
+.trocar .why { border-left: 3px solid #1c6fa4; padding: 1px 6px; margin: 3px 0; }
 .trocar .note.bad { border-color: #e03131; font-weight: 600; }
 </style>"""
-
-
-class Notices(logging.Handler):
-    """Keep the last warnings of the simulation for the page."""
-
-    def __init__(self) -> None:
-        super().__init__(level=logging.WARNING)
-        self._kept: deque[str] = deque(maxlen=WARNINGS_SHOWN)
-
-    @contextmanager
-    def listening(self) -> Generator[None]:
-        """Handle the simulation's log while the `with` block lasts."""
-        log = logging.getLogger("trocar")
-        log.addHandler(self)
-        try:
-            yield
-        finally:
-            log.removeHandler(self)
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Keep a warning."""
-        self._kept.append(record.getMessage())
-
-    @property
-    def newest_first(self) -> tuple[str, ...]:
-        """The last messages."""
-        return tuple(reversed(tuple(self._kept)))
 
 
 class StatusTables:
@@ -98,7 +73,7 @@ class StatusTables:
     def __init__(self, gui: viser.GuiApi, notices: Notices) -> None:
         self._notices = notices
         self._worst_gap = self._worst_rcm = 0.0
-        self._simulation = gui.add_html(STYLE)
+        self._simulation = gui.add_html("")
         self.joints = gui.add_html("")
         self.messages = gui.add_html("")
         self._failure = ""
@@ -112,7 +87,7 @@ class StatusTables:
         self._worst_gap = max(self._worst_gap, health.loop_gap_m)
         self._worst_rcm = max(self._worst_rcm, health.rcm_error_m)
         cards = simulation_cards(state, self._worst_gap, self._worst_rcm)
-        self._simulation.content = STYLE + _box(cards + (self.note() if self.note else ""))
+        self._simulation.content = _box(cards + (self.note() if self.note else ""))
         self.joints.content = _box(joint_table(arm, state.snapshot.arms[arm.name]))
         self._show_messages()
 
@@ -122,8 +97,9 @@ class StatusTables:
         self._show_messages()
 
     def _show_messages(self) -> None:
-        notes = (f'<div class="note">{escape(m)}</div>' for m in self._notices.newest_first)
-        self.messages.content = _box(self._failure + "".join(notes))
+        text = _box(self._failure + html_of(self._notices.newest_first))
+        if text != self.messages.content:
+            self.messages.content = text
 
 
 def simulation_cards(state: LoopState, gap_max_m: float, rcm_max_m: float) -> str:
@@ -231,7 +207,8 @@ class JointPlots:
 
     def __init__(self, gui: viser.GuiApi, arm: ArmInfo) -> None:
         self._names = (arm.name, *(joint.name for joint in arm.joints))
-        self._choice = gui.add_dropdown(f"Last {SPAN_S:.0f} s of", self._names[1:])
+        label = f"Last {SPAN_S:.0f} s of"
+        self._choice = gui.add_dropdown(label, self._names[1:], hint=hint(label))
         self._motion = _Plot(gui, (("commanded", COMMANDED), ("measured", MEASURED)), height=150)
         self._error = _Plot(gui, (("measured - commanded", ERROR),), height=115)
 

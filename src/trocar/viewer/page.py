@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from contextlib import closing, suppress
+from functools import partial
 from typing import TYPE_CHECKING, Literal
 from urllib.parse import urlsplit
 
@@ -17,12 +18,19 @@ from numpy.typing import NDArray
 from trocar.errors import TrocarError
 from trocar.live.access import PageAccess
 from trocar.live.images import Pictures
+from trocar.live.inbox import Command
 from trocar.live.loop import Loop
-from trocar.viewer.cameras import CameraWindow
-from trocar.viewer.driving import Driving, DrivingTab
-from trocar.viewer.measurements import History, JointPlots, Notices, StatusTables
-from trocar.viewer.panel import Panel, read_arm
-from trocar.viewer.scene import Bodies, Drawings, RemoteCentres, ToolFrames, stage, tips_of
+from trocar.live.state import LoopState
+from trocar.simulation.journal import WORLD
+from trocar.viewer.desk import Contents, Desk, Folder
+from trocar.viewer.driving import Driving
+from trocar.viewer.gallery import Choice, Gallery
+from trocar.viewer.measurements import History
+from trocar.viewer.notices import Notices
+from trocar.viewer.panel import read_arm
+from trocar.viewer.scene import Bodies, Drawings, stage, tips_of
+from trocar.viewer.scoreboard import SceneControls
+from trocar.viewer.seats import Seats
 from trocar.viewer.server import LocalServer, entrance, run_there, serving
 
 if TYPE_CHECKING:
@@ -34,26 +42,39 @@ Floats = NDArray[np.float64]
 PERIOD_S = 1 / 30
 """Time between two refreshes [s]. Source: a fifth of a core for 73 bodies."""
 
-NUMBERS_EVERY = 6
-"""Refreshes between two updates of the tables: five a second can still be read."""
-
-PLOTS_EVERY = 3
-"""Refreshes between two updates of the plots and the sliders: ten a second."""
-
 FAREWELL_S = 1.0
 """Time for which the page shows the error that stopped the simulation before it closes [s]."""
 
-PANEL_WIDTH = 370
-"""Width of each panel in CSS pixels. Source: chosen by eye."""
+PART_S = 0.3
+"""Time for which a message reaches the browsers before their connection ends [s]."""
+
+DRAWN_S = 20.0
+"""Time after which the scene begins for a browser that has not reported that it drew it [s].
+Source: our own choice: shaders take 5 to 12 s to compile without a graphics card."""
+
+STALE_S = 3.0
+"""Time without a new state after which the page says so [s]. Source: our own choice."""
 
 
 class Page:
     """The whole page; made in viser's thread while the world stands still.
 
+    Args:
+        server: of the page
+        world, loop: what is shown, and its loop
+        pictures: of the rig's cameras; None: none are shown
+        driving: controls for hands
+        scene: the scene that is served
+        gallery: what may be loaded in place of it
+        note: returns HTML to show above the table of joints
+        folders: make further parts of each browser's page
+
     Attributes:
-        panel, tables, bodies, tools: its parts
-        cameras: the window of the rig's cameras; None without pictures
+        server: as given
+        bodies: of the arms and objects, for all browsers
+        desks: {browser: its page}
         notices: the last warnings
+        waits: whether time waits for the first browser that has drawn the scene
     """
 
     def __init__(
@@ -63,73 +84,117 @@ class Page:
         loop: Loop,
         pictures: Pictures | None = None,
         driving: Driving | None = None,
+        *,
+        scene: SceneControls | None = None,
+        gallery: Gallery | None = None,
+        note: Callable[[], str] | None = None,
+        folders: Sequence[Callable[[Desk], Folder]] = (),
     ) -> None:
-        self._server, self._loop = server, loop
-        self._refreshes = 0
+        self.server, self._loop = server, loop
+        self._waits_since_s: float | None = None
+        self.waits = False
         self.notices = Notices()
         shapes, now = world.shapes(), loop.latest
         stage(server, shapes, now)
         self.bodies = Bodies(server.scene, shapes)
         self._drawings = Drawings(server.scene)
-        self._build = now.build
+        self._build, self._time_s = now.build, now.time
         self._shapes: Future[tuple[int, tuple[ShapeRecord, ...]]] | None = None
-        self._centres = RemoteCentres(server.scene, now)
-        self.tools = ToolFrames(server.scene, tips_of(world))
         self._tips: Future[dict[str, Floats]] | None = None
         self._last_tips: dict[str, Floats] = {}
-        self._history = History()
+        self._stale: tuple[LoopState | None, float] = None, 0.0
         names = sorted(
             world.arms, key=lambda name: world.arms[name].description.type == "SUJ"
         )  # those last
-        arms = {name: read_arm(world, name) for name in names}
-        _theme(server.gui)
-        self.panel = Panel(
-            server.gui, loop, arms, world.rig.poses, marks=(self._centres, self.tools)
+        eyes = {} if pictures is None else pictures.cameras(world)
+        self._contents = Contents(
+            rig=world.rig.name,
+            camera=(server.initial_camera.position, server.initial_camera.look_at),
+            loop=loop,
+            arms={name: read_arm(world, name) for name in names},
+            poses=world.rig.poses,
+            notices=self.notices,
+            history=History(),
+            nonce=server.page.nonce,
+            seats=Seats(),
+            tips=tuple(tips_of(world)),
+            eyes={name: len(camera.calibration.eyes) for name, camera in eyes.items()},
+            pictures=pictures,
+            driving=driving,
+            scene=scene,
+            gallery=gallery,
+            note=note,
+            folders=folders,
+            waits=lambda: self.waits,
         )
-        window = server.gui.add_panel()
-        self._driving: DrivingTab | None = None
-        titles = ["Measurements"]
-        if driving is not None:  # before the measurements where keys drive: open at first
-            titles.insert(0 if driving.tables else 1, driving.title)
-        for title in titles:
-            with window.add_tab(title):
-                if driving is not None and title == driving.title:
-                    self._driving = DrivingTab(server, driving)
-                else:
-                    self.tables = StatusTables(server.gui, self.notices)
-                    self._plots = JointPlots(server.gui, self.panel.arm)
-        window.dock_left()
-        window.set_width(PANEL_WIDTH)
-        self.cameras: CameraWindow | None = None
-        if pictures is not None:
-            eyes = {name: len(c.calibration.eyes) for name, c in pictures.cameras(world).items()}
-            self.cameras = CameraWindow(server.gui, pictures, eyes)
+        server.gui.configure_theme(
+            dark_mode=False, show_logo=False, show_share_button=False, brand_color=(28, 110, 164)
+        )
+        self.desks: dict[int, Desk] = {}
+
+        @server.on_client_connect
+        async def _(client: viser.ClientHandle) -> None:
+            self.open(client, client.client_id)
+
+        @server.on_client_disconnect
+        async def _(client: viser.ClientHandle) -> None:
+            self.leave(client.client_id)
+
+    def open(self, browser: viser.ClientHandle | viser.ViserServer, who: int = 0) -> Desk:
+        """Show everything to a browser."""
+        self._contents.seats.come(who)
+        desk = self.desks[who] = Desk(browser, who, self._contents)
+        return desk
+
+    def leave(self, who: int) -> None:
+        """Forget a browser that has gone."""
+        desk = self.desks.pop(who, None)
+        if desk is not None:
+            self._contents.seats.leave(who)
+            desk.close()
 
     def refresh(self) -> None:
         """Send all changes, if the page is open; called in viser's thread every PERIOD_S."""
         state = self._loop.state
-        self._history.add(state.snapshot)
-        if not self._server.get_clients():
+        now = state.snapshot
+        if now.time < self._time_s:
+            self.notices.clear()
+        self._time_s = now.time
+        self._contents.history.add(now)
+        if not self.desks:
             return
-        with self._server.atomic():
-            self._show_bodies(state.snapshot)
-            self._drawings.show(state.snapshot)
-            self._centres.show(state.snapshot)
-            self._show_tools()
-            if self._driving is not None:
-                self._driving.show(self._last_tips)
-            if self.cameras is not None:
-                self.cameras.show(time.perf_counter())
-        if self._refreshes % PLOTS_EVERY == 0:
-            self.panel.follow(state.snapshot)
-            if self.panel.is_current(state.snapshot):
-                self._plots.show(self._history, self.panel.arm)
-        if self._refreshes % NUMBERS_EVERY == 0:
-            if self.panel.is_current(state.snapshot):
-                self.tables.show(state, self.panel.arm)
-            if self.cameras is not None:
-                self.cameras.show_status()
-        self._refreshes += 1
+        self._contents.seats.follow()
+        self._begin_when_seen()
+        self.notices.follow({name: arm.state == "ENABLED" for name, arm in now.arms.items()})
+        banner = self._banner(state)
+        with self.server.atomic():
+            self._show_bodies(now)
+            self._drawings.show(now)
+        self._ask_tips()
+        for desk in tuple(self.desks.values()):
+            desk.refresh(state, self._last_tips, banner)
+
+    def _begin_when_seen(self) -> None:
+        """Let time flow once a browser has drawn the scene, or has had time for it."""
+        if not self.waits:
+            return
+        now_s = time.monotonic()
+        if self._waits_since_s is None:
+            self._waits_since_s = now_s
+        late = now_s - self._waits_since_s > DRAWN_S
+        if late or any(desk.seen for desk in self.desks.values()):
+            self.waits = False
+            self._loop.post(Command(WORLD, "resume"))
+
+    def _banner(self, state: LoopState) -> str:
+        """Return a text for all browsers while the simulation is stuck; "" while it is not."""
+        last, since_s = self._stale
+        now_s = time.monotonic()
+        if state is not last:
+            self._stale = state, now_s
+        elif now_s - since_s > STALE_S:
+            return f"The simulation is busy since {now_s - since_s:.0f} s: nothing moves."
+        return ""
 
     def _show_bodies(self, now: Snapshot) -> None:
         """Move the bodies; request their shapes first after a tool exchange."""
@@ -143,19 +208,25 @@ class Page:
         elif self._shapes is None:
             self._shapes = self._loop.ask(lambda world: (world.snapshot().build, world.shapes()))
 
-    def _show_tools(self) -> None:
-        if not self.tools.visible and self._driving is None:
+    def _ask_tips(self) -> None:
+        if not any(desk.wants_tips for desk in self.desks.values()):
             return
         if self._tips is not None and self._tips.done() and not self._tips.cancelled():
             self._last_tips = self._tips.result()
-            self.tools.show(self._last_tips)
         if self._tips is None or self._tips.done():
             self._tips = self._loop.ask(tips_of)
 
     def fail(self, error: Exception) -> None:
         """Show the error that stopped the simulation."""
-        self.tables.fail(error)
-        self._server.flush()
+        for desk in self.desks.values():
+            desk.fail(error)
+        self.server.flush()
+
+    def part(self, text: str) -> None:
+        """Show why the page closes."""
+        for desk in self.desks.values():
+            desk.fail(TrocarError(text))
+        self.server.flush()
 
 
 def serve(
@@ -171,7 +242,10 @@ def serve(
     note: Callable[[], str] | None = None,
     driving: Driving | None = None,
     access: PageAccess | None = None,
-) -> None:
+    scene: SceneControls | None = None,
+    gallery: Gallery | None = None,
+    start: Literal["viewer", "now"] = "now",
+) -> Choice | None:
     """Run a world and serve the page that shows and drives it, until Ctrl-C or the time is over.
 
     Args:
@@ -186,6 +260,12 @@ def serve(
         note: returns HTML to show above the table of joints, called five times a second
         driving: controls for hands: keys, handles, pedals
         access: which web pages may connect; when omitted, the page itself
+        scene: the scene of the world, with its score and its policy
+        gallery: what may be loaded in place of the world; None: nothing
+        start: "viewer" keeps time still until a browser has drawn the scene
+
+    Returns:
+        what a person chose in the gallery, which ends the loop; None otherwise
 
     Raises:
         InputError: the host or the port cannot be used
@@ -196,25 +276,29 @@ def serve(
         sockets = ["{0.scheme}://{0.netloc}".format(urlsplit(driving.websocket))]
     with serving(host, port, f"trocar: {world.rig.name}", access, sockets) as server:
         loop = loop or Loop(world, speed=speed)
-        page = run_there(server, lambda: Page(server, world, loop, pictures, driving))
-        page.tables.note = note
+        page = run_there(
+            server,
+            lambda: Page(
+                server, world, loop, pictures, driving, scene=scene, gallery=gallery, note=note
+            ),
+        )
         with page.notices.listening(), closing(loop), suppress(KeyboardInterrupt):
+            if start == "viewer":
+                page.waits = loop.post(Command(WORLD, "pause"))
             loop.start(duration_s)
             if on_ready is not None:
                 on_ready(entrance(server))
             try:
                 while not loop.wait(PERIOD_S):
                     run_there(server, page.refresh)
+                    if gallery is not None and gallery.chosen is not None:
+                        text = f"Loading {gallery.chosen.name} ..."
+                        run_there(server, partial(page.part, text))
+                        threading.Event().wait(PART_S)
+                        return gallery.chosen
             except TrocarError as error:
                 failure = error
                 run_there(server, lambda: page.fail(failure))
                 threading.Event().wait(FAREWELL_S)
                 raise
-
-
-def _theme(gui: viser.GuiApi) -> None:
-    gui.configure_theme(
-        dark_mode=False, show_logo=False, show_share_button=False, brand_color=(28, 110, 164)
-    )
-    gui.main_panel.dock_right()
-    gui.main_panel.set_width(PANEL_WIDTH)
+    return None

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
+from html import escape
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
@@ -15,8 +16,8 @@ from trocar.live.inbox import Command
 from trocar.live.loop import Loop
 from trocar.simulation.journal import WORLD
 from trocar.simulation.records import ArmSnapshot, Snapshot
-from trocar.viewer.scene import RemoteCentres, ToolFrames
-from trocar.viewer.server import when_pressed, when_touched
+from trocar.viewer.help import hint
+from trocar.viewer.server import Buttons, when_touched
 
 if TYPE_CHECKING:
     from trocar.simulation import World
@@ -191,13 +192,18 @@ class JointSliders:
         self.handles: list[viser.GuiSliderHandle[float]] = []
         self._build(tuple(now.modes))
 
-    def follow(self, now: ArmSnapshot) -> None:
-        """Bring the sliders in line with the arm; to be called about ten times a second."""
+    def follow(self, now: ArmSnapshot, *, blocked: bool = False) -> None:
+        """Bring the sliders in line with the arm; to be called about ten times a second.
+
+        Args:
+            now: the arm's state
+            blocked: whether they are greyed out
+        """
         if tuple(now.modes) != self._modes:
             self._effort[:] = 0.0
             self._build(tuple(now.modes))
         for handle, locked in zip(self.handles, now.locked, strict=True):
-            handle.disabled = locked  # a brake holds
+            handle.disabled = locked or blocked  # a brake holds
         self._untouched += 1
         if self._untouched > HANDS_OFF and not now.busy:
             self._mine = False
@@ -250,11 +256,14 @@ class JointSliders:
         if self._in_effort(k):
             low, high, step = effort_range(joint)
             label, value = f"{joint.name} {joint.unit.effort_text}", float(self._effort[k])
+            told = hint("effort", unit=joint.unit.effort_text)
         else:
             low, high, step = goal_range(joint)
             label, value = f"{joint.name} {joint.unit.text}", self._goal[k] * joint.unit.scale
+            told = hint("slider", unit=joint.unit.text, lower=low, upper=high)
+        begin = _rounded(value, low, high, step)
         handle = self._gui.add_slider(
-            label, min=low, max=high, step=step, initial_value=_rounded(value, low, high, step)
+            label, min=low, max=high, step=step, initial_value=begin, hint=told
         )
         when_touched(handle, lambda value: self.touch(k, value))
         return handle
@@ -305,43 +314,65 @@ class ArmControls:
         self.instrument: Setting[str] | None = None
         self._gravity: Setting[bool] | None = None
         self._folders = gui.add_folder(f"{info.name} joints"), gui.add_folder("Control")
+        self._why = ""
+        self._movers: list[Buttons] = []
         with self._folders[0]:
-            self._state = gui.add_text("State", initial_value=state_line(arm), disabled=True)
-            self.clients = gui.add_text("Clients", initial_value=NONE, disabled=True)
-            self._buttons("Power", POWER, lambda name: self._post(POWER[name]))
+            self._reason = gui.add_html("", visible=False)
+            self._state = gui.add_text(
+                "State", initial_value=state_line(arm), disabled=True, hint=hint("State")
+            )
+            self.clients = gui.add_text(
+                "Clients", initial_value=NONE, disabled=True, hint=hint("Clients")
+            )
+            self._power = self._buttons("Power", power_of(arm), lambda n: self._post(POWER[n]))
             self.sliders = JointSliders(gui, loop, info, arm)
             names = sorted(info.poses, key=lambda name: name != HOME)
-            self._buttons("Move to", (*names, HOLD), self._move_to)
+            self._movers.append(self._buttons("Move to", (*names, HOLD), self._move_to))
             if info.has_brakes:
-                self._buttons("Brakes", (RELEASE, "Lock"), self._brake)
+                self._movers.append(self._buttons("Brakes", (RELEASE, "Lock"), self._brake))
         with self._folders[1]:
             if info.tools:
                 names = dict.fromkeys((*info.tools, info.tool or NONE, NONE))  # an own file, too
                 choice = gui.add_dropdown(
-                    "Instrument", list(names), initial_value=info.tool or NONE
+                    "Instrument",
+                    list(names),
+                    initial_value=info.tool or NONE,
+                    hint=hint("Instrument"),
                 )
                 self.instrument = Setting(choice, self._exchange)
             motors = [joint for joint in info.joints if not joint.is_gripper]
-            mode = gui.add_dropdown("Mode", list(MODES), initial_value=_mode_title(arm.modes[0]))
+            mode = gui.add_dropdown(
+                "Mode", list(MODES), initial_value=_mode_title(arm.modes[0]), hint=hint("Mode")
+            )
             self._mode = Setting(mode, self._set_mode)
-            self._scope = gui.add_dropdown("Applies to", [ALL_JOINTS, *(j.name for j in motors)])
+            self._scope = gui.add_dropdown(
+                "Applies to", [ALL_JOINTS, *(j.name for j in motors)], hint=hint("Applies to")
+            )
             if not info.has_brakes:
-                box = gui.add_checkbox("Gravity comp.", info.gravity_compensation)
+                box = gui.add_checkbox(
+                    "Gravity comp.", info.gravity_compensation, hint=hint("Gravity comp.")
+                )
                 self._gravity = Setting(
                     box, lambda on: self._post("use_gravity_compensation", on=on)
                 )
             with gui.add_folder("Gains P, I, D", expand_by_default=False):
                 self.gains = {joint.name: self._gains_row(joint) for joint in motors}
 
-    def follow(self, now: Snapshot) -> None:
-        """Show the arm's position and state."""
+    def follow(self, now: Snapshot, blocked: str = "") -> None:
+        """Show the arm's position and state.
+
+        Args:
+            now: of the world
+            blocked: why the arm is not a person's now; "": it is
+        """
         arm = now.arms[self._info.name]
+        self._block(arm, blocked)
         if (line := state_line(arm)) != self._state.value:
             self._state.value = line
         clients = ", ".join(self._loop.commanders.of(self._info.name)) or NONE
         if clients != self.clients.value:
             self.clients.value = clients
-        self.sliders.follow(arm)
+        self.sliders.follow(arm, blocked=bool(self._why))
         scope = self._scope.value
         index = 0 if scope == ALL_JOINTS else [j.name for j in self._info.joints].index(scope)
         self._mode.show(_mode_title(arm.modes[index]))
@@ -361,11 +392,29 @@ class ArmControls:
         for folder in self._folders:
             folder.remove()
 
+    def _block(self, arm: ArmSnapshot, blocked: str) -> None:
+        """Grey out what cannot act, and show why."""
+        self._power.show(power_of(arm), disabled=bool(blocked))
+        why = blocked or idle_reason(arm)
+        for buttons in self._movers:
+            buttons.show(buttons.names, disabled=bool(why))
+        inputs = [self._mode.handle, *(row.handle for row in self.gains.values())]
+        inputs += [s.handle for s in (self.instrument, self._gravity) if s is not None]
+        for handle in inputs:
+            if handle.disabled != bool(blocked):
+                handle.disabled = bool(blocked)
+        if why != self._why:
+            self._why = why
+            self._reason.content = (
+                f'<div class="trocar"><div class="why" data-trocar="why">{escape(why)}</div></div>'
+            )
+            self._reason.visible = bool(why)
+
     def _post(self, verb: str, **values: object) -> None:
         self._loop.post(Command(self._info.name, verb, values))
 
-    def _buttons(self, label: str, names: Any, act: Callable[[str], object]) -> None:
-        when_pressed(self._gui.add_button_group(label, tuple(names)), act)
+    def _buttons(self, label: str, names: Sequence[str], act: Callable[[str], object]) -> Buttons:
+        return Buttons(self._gui, label, names, act, hint(label))
 
     def _move_to(self, pose: str) -> None:
         if pose == HOLD:
@@ -386,10 +435,9 @@ class ArmControls:
         self._post("set_mode", mode=MODES[title], joints=joints)
 
     def _gains_row(self, joint: JointInfo) -> Setting[tuple[float, float, float]]:
-        unit = joint.unit.gain_text
-        hint = f"P [{unit}], I [{unit} per second], D [{unit} times second]"
+        told = hint("gains", gain=joint.unit.gain_text)
         row = self._gui.add_vector3(
-            joint.name, joint.gains, min=(0.0, 0.0, 0.0), step=0.01, hint=hint
+            joint.name, joint.gains, min=(0.0, 0.0, 0.0), step=0.01, hint=told
         )
 
         def post(gains: tuple[float, float, float]) -> None:
@@ -405,12 +453,37 @@ def state_line(now: ArmSnapshot) -> str:
     return ", ".join([*words, "busy"] if now.busy else words)
 
 
+def power_of(now: ArmSnapshot) -> tuple[str, ...]:
+    """Return the buttons of the power that act in a state."""
+    if now.state == "DISABLED":
+        return ("Enable",)
+    if now.state == "FAULT":
+        return ("Enable", "Disable")
+    return ("Home", "Disable")
+
+
+def idle_reason(now: ArmSnapshot) -> str:
+    """Return the reason that keeps an arm still, with the remedy; "" when it moves."""
+    if now.state == "DISABLED":
+        return "no power: Enable, then Home"
+    if now.state == "FAULT":
+        return "FAULT: Disable, Enable, then Home"
+    return "" if now.homed or now.busy else "not homed: Home"
+
+
 def _mode_title(mode: str) -> str:
     return next(title for title, name in MODES.items() if name == mode)
 
 
 class Panel:
-    """The whole control panel.
+    """The controls of the rig: time, named poses, the choice of an arm, and that arm's controls.
+
+    Args:
+        gui: the page's widgets
+        loop: takes the commands
+        arms: {name: its description}
+        poses: named poses of the rig, {name: {arm: joints}}
+        blocked: returns why an arm is not a person's now; "" when it is
 
     Attributes:
         choice: the list of arms
@@ -421,32 +494,25 @@ class Panel:
         self,
         gui: viser.GuiApi,
         loop: Loop,
-        arms: dict[str, ArmInfo],
+        arms: Mapping[str, ArmInfo],
         poses: Mapping[str, Mapping[str, object]],
-        *,
-        marks: tuple[RemoteCentres, ToolFrames],
+        blocked: Callable[[str], str] = lambda _: "",
     ) -> None:
-        self._gui, self._loop, self._arms = gui, loop, arms
+        self._gui, self._loop, self._arms, self._blocked = gui, loop, dict(arms), blocked
         self._answer: Future[ArmInfo] | None = None
-        times = {name: Command(WORLD, name.lower()) for name in ("Pause", "Resume", "Reset")}
-        when_pressed(
-            gui.add_button_group("Time", tuple(times)), lambda name: loop.post(times[name])
-        )
+        self._time = Buttons(gui, "Time", ("Pause", "Reset"), self._press_time, hint("Time"))
 
         def move_all(pose: str) -> None:  # setup arms stay where their brakes hold them
             for arm in poses[pose]:
-                if not arms[arm].has_brakes:
+                if not self._arms[arm].has_brakes:
                     loop.post(Command(arm, "move_to", {"name": pose}))
 
-        when_pressed(gui.add_button_group("All arms to", tuple(poses)), move_all)
-        self.choice = gui.add_dropdown("Arm", list(arms))
+        self._poses = Buttons(gui, "All arms to", tuple(poses), move_all, hint("All arms to"))
+        self._posed = tuple({arm for pose in poses.values() for arm in pose})
+        self.choice = gui.add_dropdown("Arm", list(arms), hint=hint("Arm"))
         when_touched(self.choice, lambda _: self.choose())
         self.controls: ArmControls | None = None
         self.choose()
-        centres, tools = marks
-        with gui.add_folder("Show", order=1e9):
-            when_touched(gui.add_checkbox("Remote centres", True), centres.set_visible)
-            when_touched(gui.add_checkbox("Tool frames", False), tools.set_visible)
 
     @property
     def arm(self) -> ArmInfo:
@@ -457,10 +523,15 @@ class Panel:
         """Test whether the description of the chosen arm is of the tool that it has now."""
         return now.arms[self.arm.name].tool == self.arm.tool
 
+    def show_time(self, *, paused: bool, blocked: str = "") -> None:
+        """Show the buttons of time that act: one of Pause and Resume, and Reset."""
+        self._time.show(("Resume" if paused else "Pause", "Reset"), disabled=bool(blocked))
+
     def follow(self, now: Snapshot) -> None:
         """Show the chosen arm's position, state and settings."""
+        self._poses.show(self._poses.names, disabled=any(map(self._blocked, self._posed)))
         if self.controls is not None and self.is_current(now):
-            self.controls.follow(now)
+            self.controls.follow(now, self._blocked(self.arm.name))
         if self._answer is None:
             name = self.arm.name
             self._answer = self._loop.ask(lambda world: read_arm(world, name))
@@ -477,6 +548,9 @@ class Panel:
         now = self._loop.latest
         if self.is_current(now):
             self.controls = ArmControls(self._gui, self._loop, self.arm, now)
+
+    def _press_time(self, name: str) -> None:
+        self._loop.post(Command(WORLD, name.lower()))
 
     def _renew(self, info: ArmInfo) -> None:
         exchanged = self._arms[info.name].tool != info.tool

@@ -47,6 +47,9 @@ ABOVE_M = 0.002
 MARGIN = 1.08
 """Distance over the one at which everything just fits a square view. Source: chosen by eye."""
 
+SHEET = 0.6
+"""Part of a phone's screen that viser's sheet covers at most. Source: viser 1.1, BottomPanel."""
+
 WORK = np.array([0.0, 0.0, -0.25])
 """From a remote centre to the work below it [m]. Source: about the reach of an instrument."""
 
@@ -236,9 +239,14 @@ class Drawings:
 
 
 class RemoteCentres:
-    """A small sphere with the arm's name at each remote centre."""
+    """A small sphere with the arm's name at each remote centre.
+
+    Attributes:
+        visible: whether they are shown
+    """
 
     def __init__(self, scene: viser.SceneApi, snapshot: Snapshot) -> None:
+        self.visible = True
         names = [name for name, arm in snapshot.arms.items() if arm.remote_centre is not None]
         self._nodes = {
             name: (
@@ -267,6 +275,7 @@ class RemoteCentres:
 
     def set_visible(self, visible: bool) -> None:
         """Show or hide all of them."""
+        self.visible = visible
         for nodes in self._nodes.values():
             for node in nodes:
                 node.visible = visible
@@ -312,10 +321,10 @@ def tips_of(world: World) -> dict[str, Floats]:
 
 
 def stage(server: viser.ViserServer, shapes: Sequence[ShapeRecord], snapshot: Snapshot) -> None:
-    """Add light, backdrop and floor, and point the camera of every new browser.
+    """Add backdrop and floor, and point the camera of every new browser; `Drawing` adds light.
 
-    A key light from the upper left throws shadows; the backdrop grows darker upwards, so that the
-    white arms stand out; the floor, on which the rig stands, has lines every 10 cm and every metre.
+    The backdrop grows darker upwards, so that the white arms stand out; the floor, on which the rig
+    stands, has lines every 10 cm and every metre.
     The camera has all arms in sight, and the work below their remote centres.
     """
     scene = server.scene
@@ -323,16 +332,6 @@ def stage(server: viser.ViserServer, shapes: Sequence[ShapeRecord], snapshot: Sn
     heights = corners(floors or shapes, snapshot)[:, 2]
     floor = float(heights.max() if floors else heights.min()) + ABOVE_M
     scene.configure_default_lights(enabled=False)
-    scene.configure_environment_map("studio", environment_intensity=0.25)
-    scene.add_light_directional(
-        "/light/key", color=(255, 247, 235), intensity=2.3, cast_shadow=True, position=(3, 1.2, 4)
-    )
-    scene.add_light_directional(
-        "/light/fill", color=(214, 228, 255), intensity=0.5, position=(-2, 4, 1.5)
-    )
-    scene.add_light_hemisphere(
-        "/light/sky", sky_color=(236, 242, 255), ground_color=(120, 118, 115), intensity=0.3
-    )
     rise = np.linspace(0.0, 1.0, 256)[:, None, None]
     colours = (1 - rise) * np.array(SKY) + rise * np.array(HORIZON)
     scene.set_background_image(np.repeat(colours, 8, axis=1).astype(np.uint8), format="png")
@@ -384,6 +383,25 @@ def camera_for(points: Floats, view: Floats) -> tuple[Floats, Floats]:
     xy, depth = t * (high - low) / 2, MARGIN * float((high + low).max()) / 2
     middle = float(ahead.min() + ahead.max()) / 2
     return R.T @ [*xy, -depth], R.T @ [*xy, middle]
+
+
+def camera_above_sheet(position: Floats, look_at: Floats, aspect: float) -> tuple[Floats, Floats]:
+    """Move a camera of a square view back and down, for a tall view with a sheet over `SHEET`.
+
+    Args:
+        position, look_at: of the camera, (3,) each [m]
+        aspect: width over height of the tall view, below 1
+
+    Returns:
+        position, and the point that it looks at, (3,) each [m]
+    """
+    forward = look_at - position
+    right = np.cross(forward, (0.0, 0.0, 1.0))
+    up = np.cross(right, forward)
+    up /= np.linalg.norm(up)
+    back = forward / min(aspect, 1.0 - SHEET)
+    down = -up * SHEET * np.linalg.norm(back) * np.tan(FIELD_OF_VIEW / 2)
+    return look_at - back + down, look_at + down
 
 
 def corners(shapes: Sequence[ShapeRecord], snapshot: Snapshot) -> Floats:

@@ -350,6 +350,53 @@ def when_touched(handle: viser.GuiInputHandle[Any], act: Callable[[Any], object]
             act(event.target.value)
 
 
+class Buttons:
+    """A row of buttons whose names change, and that can be greyed out.
+
+    Args:
+        gui: the page's widgets
+        label: of the row
+        names: of the buttons
+        act: called with the name of the one that a person presses
+        hint: shown under the mouse
+
+    Attributes:
+        names, disabled: what is shown
+    """
+
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        label: str,
+        names: Sequence[str],
+        act: Callable[[str], object],
+        hint: str | None = None,
+    ) -> None:
+        self.names, self.disabled = tuple(names), False
+        self._handle = gui.add_button_group(label, self.names, hint=hint)
+
+        def pressed(name: str) -> None:
+            if not self.disabled and name in self.names:
+                act(name)
+
+        when_pressed(self._handle, pressed)
+
+    def show(self, names: Sequence[str], *, disabled: bool = False) -> None:
+        """Show other buttons, or grey all of them out."""
+        if tuple(names) != self.names:
+            self.names = tuple(names)
+            self._handle.options = self.names
+        if disabled != self.disabled:
+            self.disabled = disabled
+            # viser's client greys a group out; its handle refuses to say so.
+            self._handle._queue_update("disabled", disabled)  # pyright: ignore[reportPrivateUsage]
+
+    def set_visible(self, *, visible: bool) -> None:
+        """Show or hide the row."""
+        if self._handle.visible != visible:
+            self._handle.visible = visible
+
+
 def when_pressed(buttons: viser.GuiButtonGroupHandle, act: Callable[[str], object]) -> None:
     """Call `act(name)` in viser's thread when a person presses a button of a group."""
 

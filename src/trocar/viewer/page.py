@@ -21,10 +21,13 @@ from trocar.live.images import Pictures
 from trocar.live.inbox import Command
 from trocar.live.loop import Loop
 from trocar.live.state import LoopState
+from trocar.live.timeline import Timeline
+from trocar.live.tip_goals import TipGoals
 from trocar.simulation.journal import WORLD
 from trocar.viewer.desk import Contents, Desk, Folder
 from trocar.viewer.driving import Driving
 from trocar.viewer.gallery import Choice, Gallery
+from trocar.viewer.handles import TipHandles, free_objects
 from trocar.viewer.measurements import History
 from trocar.viewer.notices import Notices
 from trocar.viewer.panel import read_arm
@@ -32,6 +35,7 @@ from trocar.viewer.scene import Bodies, Drawings, stage, tips_of
 from trocar.viewer.scoreboard import SceneControls
 from trocar.viewer.seats import Seats
 from trocar.viewer.server import LocalServer, entrance, run_there, serving
+from trocar.viewer.timeline import LookBack, TimelineFolder
 
 if TYPE_CHECKING:
     from trocar.simulation import World
@@ -68,6 +72,7 @@ class Page:
         gallery: what may be loaded in place of it
         note: returns HTML to show above the table of joints
         folders: make further parts of each browser's page
+        past: the moment that is shown in place of the present
 
     Attributes:
         bodies: of the arms and objects, for all browsers
@@ -88,6 +93,7 @@ class Page:
         gallery: Gallery | None = None,
         note: Callable[[], str] | None = None,
         folders: Sequence[Callable[[Desk], Folder]] = (),
+        past: LookBack | None = None,
     ) -> None:
         self._server, self._loop = server, loop
         self._waits_since_s: float | None = None
@@ -123,6 +129,7 @@ class Page:
             gallery=gallery,
             note=note,
             folders=folders,
+            past=past,
             waits=lambda: self.waits,
         )
         server.gui.configure_theme(
@@ -165,6 +172,9 @@ class Page:
         self._begin_when_seen()
         self.notices.follow({name: arm.state == "ENABLED" for name, arm in now.arms.items()})
         banner = self._banner(state)
+        if self._contents.past is not None:
+            state = self._contents.past.shown(state)
+            now = state.snapshot
         with self._server.atomic():
             self._show_bodies(now)
             self._drawings.show(now)
@@ -274,10 +284,28 @@ def serve(
         sockets = ["{0.scheme}://{0.netloc}".format(urlsplit(driving.websocket))]
     with serving(host, port, f"trocar: {world.rig.name}", access, sockets) as server:
         loop = loop or Loop(world, speed=speed)
+        timeline = Timeline(world, loop.tick_s)
+        loop.watch(timeline)
+        past = LookBack(loop, timeline, lambda: scene and scene.drives() and scene.take())
+        goals = TipGoals(loop)
+        loop.watch(goals)
+        handled = tuple(n for n, arm in world.arms.items() if arm.description.inverse_kinematics)
+        things = tuple(free_objects(world))
+        hands = partial(TipHandles, goals=goals, arms=handled, things=things, loop=loop)
+        folders = (partial(TimelineFolder, past=past), *((hands,) if handled or things else ()))
         page = run_there(
             server,
             lambda: Page(
-                server, world, loop, pictures, driving, scene=scene, gallery=gallery, note=note
+                server,
+                world,
+                loop,
+                pictures,
+                driving,
+                scene=scene,
+                gallery=gallery,
+                note=note,
+                folders=folders,
+                past=past,
             ),
         )
         with page.notices.listening(), closing(loop), suppress(KeyboardInterrupt):

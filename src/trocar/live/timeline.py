@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from bisect import bisect_right
 from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -94,7 +93,5 @@ class Timeline:
         """Ignore rejected commands."""
 
     def at(self, time_s: float) -> Moment | None:
-        """Return the last moment at or before a time [s]; None before the first one."""
-        moments = self.moments
-        index = bisect_right([moment.time for moment in moments], time_s + HALF * self._timestep)
-        return moments[index - 1] if index else None
+        """Return the moment nearest to a time [s]; None without any."""
+        return min(self.moments, key=lambda moment: abs(moment.time - time_s), default=None)

@@ -57,10 +57,8 @@ class LookBack:
             return
         moment = self.timeline.at(time_s)
         if moment is None or moment.snapshot.build != state.snapshot.build:
-            moments = self.timeline.moments
-            fitting = (m for m in moments if m.snapshot.build == state.snapshot.build)
-            moment = next(fitting, None)
-        if moment is not None and not state.paused:
+            return
+        if not state.paused:
             self.loop.post(Command(WORLD, "pause"))
         self.looked, self._paused = moment, state.paused
 

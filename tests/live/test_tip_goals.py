@@ -38,7 +38,7 @@ def set_points(loop: Loop, seconds: float) -> np.ndarray:
         def patience(self) -> int:
             return 1
 
-        def refused(self, command: object, reason: str) -> None:
+        def refused(self, command: object, reason: str) -> None:  # noqa: ARG002
             raise AssertionError(reason)
 
     stop = loop.watch(Path())
@@ -65,7 +65,7 @@ def test_a_goal_that_is_reached_leaves_the_arm_to_others() -> None:
     arm = world.arm("PSM1")
     goals.set("PSM1", translation([0.01, 0.0, 0.0]) @ arm.setpoint_cp("world").matrix)
     loop.run(0.5)
-    q = arm.setpoint_jp() + [0.0, 0.0, 0.01, 0.0, 0.0, 0.0]
+    q = arm.setpoint_jp() + np.array([0.0, 0.0, 0.01, 0.0, 0.0, 0.0])
     arm.servo_jp(q)
     loop.run(0.1)
     assert arm.setpoint_jp() == pytest.approx(q)

@@ -17,6 +17,9 @@ from trocar.live.tip_goals import TipGoals
 from trocar.simulation import World
 from trocar.simulation.journal import WORLD
 from trocar.viewer.handles import CHOSEN, NONE, TipHandles, free_objects
+from trocar.viewer.overlays import LONGEST_M, M_PER_N, Overlays
+from trocar.viewer.panel import read_arm
+from trocar.viewer.plots import PERIOD_S, LastMinute, QuantityPlots
 from trocar.viewer.server import LocalServer, serving
 from trocar.viewer.timeline import BACK, CONTINUE, NOW, STEP, LookBack, TimelineFolder
 
@@ -194,3 +197,47 @@ def test_a_step_moves_time_by_one_physics_step(server: LocalServer) -> None:
         before = bench.loop.ask(lambda world: world.periods).result()
         bench.folder._press(STEP)
         assert bench.loop.ask(lambda world: world.periods).result() == before + 1
+
+
+def test_the_last_minute_is_that_of_the_arms_and_its_table_has_all_of_it(
+    server: LocalServer,
+) -> None:
+    bench, last = Bench(server), LastMinute()
+    plots = QuantityPlots(bench.desk, {"PSM1": read_arm(bench.world, "PSM1")}, last)
+    bench.loop.post(Command("PSM1", "move_jp", {"q": (0.4, 0.0, 0.12, 0.0, 0.0, 0.0)}))
+    measured: list[float] = []
+    for _ in range(700):
+        bench.loop.run(PERIOD_S)
+        last.add(bench.loop.state)
+        measured.append(float(bench.world.arm("PSM1").measured_js().position[0]))
+    assert last.times[-1] - last.times[0] == pytest.approx(60.0)
+    assert last.values("PSM1", 0, "measured") == pytest.approx(measured[-601:], abs=1e-9)
+    error = last.values("PSM1", 0, "measured") - last.values("PSM1", 0, "commanded")
+    assert last.values("PSM1", 0, "error") == pytest.approx(error, abs=1e-12)
+    rows = plots.table().splitlines()
+    assert rows[0].split(",")[:2] == ["time s", "PSM1 yaw measured rad"]
+    assert len(rows) == 602 and float(rows[-1].split(",")[1]) == pytest.approx(measured[-1])
+    plots.show(bench.loop.state)
+
+
+def test_an_arrow_stands_at_each_contact_as_long_as_its_force(server: LocalServer) -> None:
+    bench = Bench(server)
+    see = Overlays(bench.desk, bench.loop)
+    see._forces.value = see._trails.value = True
+    with bench.running():
+        bench.goals.set("PSM1", translation([0.1, 0.0, -0.3]) @ tip(bench))  # into the table
+        bench.until(6.0)
+        bench.loop.post(Command(WORLD, "pause"))
+        bench.settled(paused=True)
+        see.show(bench.loop.state)
+        assert see._answer is not None
+        _, contacts, tips = see._answer.result()
+        see.show(bench.loop.state)
+        assert see.shown[0] == len(contacts) > 0 and set(see.shown[1]) == set(tips)
+        assert see._arrows is not None
+        way = see._arrows.points[:, 1] - see._arrows.points[:, 0]
+        newtons = np.sort(np.linalg.norm(contacts[:, 3:], axis=1))[::-1]
+        lengths = np.linalg.norm(way, axis=1)
+        assert lengths == pytest.approx(np.minimum(M_PER_N * newtons, LONGEST_M), rel=1e-4)
+        see.close()
+        assert see.shown == (0, {})

@@ -19,7 +19,7 @@ from trocar.live.loop import Loop
 from trocar.live.state import PATIENT, Elapsed
 
 if TYPE_CHECKING:
-    from trocar.simulation import Arm
+    from trocar.simulation.arm import Arm
 
 Array = NDArray[np.float64]
 

@@ -73,7 +73,7 @@ class TipHandles:
         self._dragged: str | None = None
         self._before: list[tuple[str, str, Floats]] = []
         self._objects: dict[str, Any] = {}
-        self._answer: Future[dict[str, Floats]] | None = None
+        self._answer: Future[dict[str, dict[str, Floats]]] | None = None
         self._tips: Mapping[str, Floats] = {}
         self._placed: Mapping[str, Floats] = {}
         with gui.add_folder("Hands"):
@@ -170,7 +170,8 @@ class TipHandles:
         self._tips, self._placed = poses["tips"], poses["objects"]
         which, panel = self._which.value, self._desk.panel
         chosen = "" if panel is None else panel.arm.name
-        missed, reasons = self._goals.missed, []
+        missed = self._goals.missed
+        reasons: list[str] = []
         for arm, node in self._nodes.items():
             wanted = which == ALL or (which == CHOSEN and arm == chosen)
             blocked = self._desk.blocked(arm)

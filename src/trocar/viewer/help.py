@@ -24,6 +24,11 @@ HINTS: Mapping[str, str] = {
     "Object handle": "While paused: drag the object's handle; it lies where you let go."
     " docs/viewer.md, Hands",
     "Placement": "Bring back the tip or the object that was placed last. docs/viewer.md, Hands",
+    "Contact forces": "Arrows at every contact, 10 mm a newton, with the largest in newtons [N]."
+    " docs/viewer.md, See",
+    "Tip paths": "The ways of the tips in the last 10 s. docs/viewer.md, See",
+    "Plot": "A quantity of a joint over the last minute [deg, mm, their rates, N m, N].",
+    "Last minute": "Save the chosen quantities, or all, as CSV in SI, 10 samples a second.",
     "All arms to": "Named poses of the rig, in joint space; setup joints stay. docs/simulation.md",
     "Arm": "The arm of the sliders, the table and the plot.",
     "State": "DISABLED, ENABLED, PAUSED or FAULT, as on the dVRK; an arm moves when it is ENABLED"

@@ -30,7 +30,9 @@ from trocar.viewer.gallery import Choice, Gallery
 from trocar.viewer.handles import TipHandles, free_objects
 from trocar.viewer.measurements import History
 from trocar.viewer.notices import Notices
+from trocar.viewer.overlays import Overlays
 from trocar.viewer.panel import read_arm
+from trocar.viewer.plots import LastMinute, QuantityPlots
 from trocar.viewer.scene import Bodies, Drawings, stage, tips_of
 from trocar.viewer.scoreboard import SceneControls
 from trocar.viewer.seats import Seats
@@ -73,6 +75,7 @@ class Page:
         note: returns HTML to show above the table of joints
         folders: make further parts of each browser's page
         past: the moment that is shown in place of the present
+        last: takes the readings of all arms
 
     Attributes:
         bodies: of the arms and objects, for all browsers
@@ -94,8 +97,9 @@ class Page:
         note: Callable[[], str] | None = None,
         folders: Sequence[Callable[[Desk], Folder]] = (),
         past: LookBack | None = None,
+        last: LastMinute | None = None,
     ) -> None:
-        self._server, self._loop = server, loop
+        self._server, self._loop, self._last = server, loop, last
         self._waits_since_s: float | None = None
         self.waits = False
         self.notices = Notices()
@@ -166,6 +170,8 @@ class Page:
             self.notices.clear()
         self._time_s = now.time
         self._contents.history.add(now)
+        if self._last is not None:
+            self._last.add(state)
         if not self.desks:
             return
         self._contents.seats.follow()
@@ -292,7 +298,14 @@ def serve(
         handled = tuple(n for n, arm in world.arms.items() if arm.description.inverse_kinematics)
         things = tuple(free_objects(world))
         hands = partial(TipHandles, goals=goals, arms=handled, things=things, loop=loop)
-        folders = (partial(TimelineFolder, past=past), *((hands,) if handled or things else ()))
+        last = LastMinute()
+        described = {name: read_arm(world, name) for name in world.arms}
+        folders = (
+            partial(TimelineFolder, past=past),
+            *((hands,) if handled or things else ()),
+            partial(Overlays, loop=loop),
+            partial(QuantityPlots, arms=described, last=last),
+        )
         page = run_there(
             server,
             lambda: Page(
@@ -306,6 +319,7 @@ def serve(
                 note=note,
                 folders=folders,
                 past=past,
+                last=last,
             ),
         )
         with page.notices.listening(), closing(loop), suppress(KeyboardInterrupt):

@@ -35,6 +35,11 @@ EXPERIMENTS = (
         extra="scope",
     ),
     Experiment(
+        "drawing",
+        "frames that a browser without a graphics card draws of the moving cart, at each level",
+        "benchmarks.drawing:drawing",
+    ),
+    Experiment(
         "laws", "momentum, friction, soft pads and elastic bands of props", "benchmarks.laws:laws"
     ),
     Experiment(

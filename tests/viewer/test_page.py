@@ -39,7 +39,15 @@ from trocar.viewer.panel import (
     goal_range,
     read_arm,
 )
-from trocar.viewer.scene import Bodies, Drawings
+from trocar.viewer.scene import (
+    FIELD_OF_VIEW,
+    SHEET,
+    VIEW,
+    Bodies,
+    Drawings,
+    camera_above_sheet,
+    camera_for,
+)
 from trocar.viewer.server import LocalServer, serving
 
 
@@ -243,6 +251,19 @@ def test_an_axis_holds_its_values_between_round_numbers(middle: float, height: f
     assert span.low <= values.min() and values.max() <= span.high
     assert 0.01 <= span.high - span.low <= 3 * max(height, 0.01) + 1e-9
     assert axis_span(values, span, least=0.01) == span
+
+
+@pytest.mark.parametrize("aspect", [0.3, 0.46, 0.9])
+def test_on_a_phone_the_view_stands_above_the_sheet(aspect: float) -> None:
+    points = np.random.default_rng(0).uniform([0.5, 1.5, 0.2], [1.5, 2.5, 1.2], (200, 3))
+    position, look_at = camera_above_sheet(*camera_for(points, VIEW), aspect)
+    forward = (look_at - position) / np.linalg.norm(look_at - position)
+    right = np.cross(forward, (0.0, 0.0, 1.0))
+    right /= np.linalg.norm(right)
+    x, y, z = np.stack([right, np.cross(right, forward), forward]) @ (points - position).T
+    t = np.tan(FIELD_OF_VIEW / 2)
+    assert np.abs(x / z / t).max() <= aspect
+    assert (y / z / t).max() <= 1.0 and (y / z / t).min() >= 2 * SHEET - 1.0
 
 
 def test_bodies_send_only_what_moved(server: LocalServer) -> None:

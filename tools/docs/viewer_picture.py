@@ -1,6 +1,8 @@
-"""Draw docs/images/cart.png and teleoperation.png: the web viewer, as Chromium shows it.
+"""Draw docs/images/cart.png, teleoperation.png and viewer-*.png: the web viewer in Chromium.
 
-python tools/docs/viewer_picture.py cart|teleoperation [FILE]
+python tools/docs/viewer_picture.py NAME [FILE]
+
+NAME: cart, teleoperation, viewer-scene, viewer-gallery, viewer-gone or viewer-phone.
 
 Needs the extra `browser` and Chromium with its driver, which draw without a display.
 """
@@ -14,6 +16,7 @@ import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -61,38 +64,67 @@ class Shot:
         window: width and height [px], so wide that the panels leave the arms free
         scale: of the window in the picture
         left, right: whether the panels of measurements and of commands are kept
+        level: of drawing; "": what the browser chooses, which is plain without a graphics card
+        phone: whether the window is a phone's
+        gone: whether the simulator is ended before the picture
+        moved_s: time from the press to the picture [s]
     """
 
     command: tuple[str, ...]
     press: str
     window: str
     scale: float
-    left: bool
-    right: bool
+    left: bool = True
+    right: bool = True
+    level: str = ""
+    phone: bool = False
+    gone: bool = False
+    moved_s: float = MOVED_S
+
+
+def press(button: str) -> str:
+    """Return the script that presses a button."""
+    found = "[...document.querySelectorAll('button')]"
+    return f"{found}.find(b => b.innerText === '{button}').click()"
 
 
 SHOTS = {
     "cart": Shot(
         ("sim",),
-        "[...document.querySelectorAll('button')].find(b => b.innerText === 'work').click()",
+        press("work"),
         "2060,1280",
         0.62,
         left=False,
-        right=True,
+        level="full",
     ),
     "teleoperation": Shot(
         ("teleop",),
         "document.querySelector('[data-trocar=keys]').focus()",
         "1700,900",
         0.8,
-        left=True,
         right=False,
+        level="full",
     ),
+    "viewer-scene": Shot(("play", "needle-pick"), press("Next seed"), "1500,860", 0.8, moved_s=1.2),
+    "viewer-gallery": Shot(("play", "needle-pick"), press("Scenes and rigs"), "1200,800", 0.8),
+    "viewer-gone": Shot(("play", "needle-pick"), "", "1320,700", 0.8, gone=True),
+    "viewer-phone": Shot(("play", "needle-pick"), press("Next seed"), "390,844", 1.0, phone=True),
 }
 
 
-def screenshot(url: str, shot: Shot) -> Image.Image:
-    """Return what a browser shows at an address."""
+#: Chooses a level of drawing.
+LEVEL = """
+const label = [...document.querySelectorAll('label')].find(l => l.innerText === 'Drawing');
+const box = document.getElementById(label.htmlFor);
+box.focus(); box.click();
+setTimeout(() => [...document.querySelectorAll('[role=option]')]
+  .find(o => o.innerText === arguments[0]).click(), 500);
+"""
+BAR = "return document.querySelector('[data-trocar=bar]')?.innerText.length > 5"
+
+
+def screenshot(url: str, shot: Shot, end: Callable[[], object]) -> Image.Image:
+    """Return what a browser shows at an address; `end` ends the simulator."""
     options = webdriver.ChromeOptions()
     options.binary_location = shutil.which("chromium") or ""
     for flag in (
@@ -105,16 +137,25 @@ def screenshot(url: str, shot: Shot) -> Image.Image:
     environment = {**os.environ, "LIBGL_ALWAYS_SOFTWARE": "1"}
     tab = webdriver.Chrome(options, webdriver.ChromeService(driver, env=environment))
     try:
+        if shot.phone:
+            width, height = map(int, shot.window.split(","))
+            screen = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": True}
+            tab.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", screen)
         tab.get(url)
-        shown = "return document.querySelector('[data-trocar=time], [data-trocar=keys]') !== null"
         wait = WebDriverWait(tab, 180.0, ignored_exceptions=[TimeoutException])
-        wait.until(lambda _: tab.execute_script(shown))
+        wait.until(lambda _: tab.execute_script(BAR))
+        if shot.level:
+            time.sleep(3.0)
+            tab.execute_script(LEVEL, shot.level)
         time.sleep(DRAWN_S)
         tab.execute_script(shot.press)
-        time.sleep(MOVED_S)
+        if shot.gone:
+            end()
+        time.sleep(shot.moved_s)
         tab.execute_script(CLOSE)
-        time.sleep(2.0)
         seen = Image.open(io.BytesIO(tab.get_screenshot_as_png())).convert("RGB")
+        if shot.left and shot.right:
+            return seen
         left, right = tab.execute_script(PANELS)
         return seen.crop(
             (0 if shot.left else left, 0, seen.width if shot.right else right, seen.height)
@@ -131,7 +172,7 @@ def main(name: str, file: Path) -> None:
         try:
             lines = iter(served.stdout or ())
             url = next(found[0] for line in lines if (found := re.search(r"http://\S+", line)))
-            picture = screenshot(url, shot)
+            picture = screenshot(url, shot, served.kill)
         finally:
             served.terminate()
     picture.quantize(256, kmeans=3).save(file, optimize=True)

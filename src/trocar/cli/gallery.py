@@ -41,7 +41,7 @@ def figures_of(scene: str) -> str:
     words = [found["difficulty"]] if found else []
     if "success" in found:
         met, of = found["success"]
-        words.append(f"scripted policy {met} of {of}, {found['time_s']:.0f} s")
+        words.append(f"scripted policy {met} of {of}, {found['time_s']:.1f} s")
     return "; ".join(words)
 
 

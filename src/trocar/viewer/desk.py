@@ -25,7 +25,7 @@ from trocar.viewer.help import hint, show_help
 from trocar.viewer.measurements import STYLE, History, JointPlots, StatusTables
 from trocar.viewer.notices import Notices
 from trocar.viewer.panel import ArmInfo, Panel
-from trocar.viewer.scene import RemoteCentres, ToolFrames
+from trocar.viewer.scene import RemoteCentres, ToolFrames, camera_above_sheet
 from trocar.viewer.scoreboard import SceneControls, Scoreboard, driver_of
 from trocar.viewer.seats import Seats
 from trocar.viewer.server import Buttons, when_touched
@@ -79,6 +79,7 @@ class Contents:
 
     Attributes:
         rig: name of the rig or scene
+        camera: position and point that a new browser looks from and at, (3,) each [m]
         loop: of the world
         arms: {name: its description when the page was made}
         poses: named poses of the rig
@@ -98,6 +99,7 @@ class Contents:
     """
 
     rig: str
+    camera: tuple[Floats, Floats]
     loop: Loop
     arms: Mapping[str, ArmInfo]
     poses: Mapping[str, Mapping[str, object]]
@@ -188,6 +190,9 @@ class Desk:
             self._panels.append(self.cameras.window)
             if phone:
                 self.cameras.window.expand()
+        if phone and isinstance(self.browser, viser.ClientHandle):
+            camera, begin = self.browser.camera, all_.camera
+            camera.position, camera.look_at = camera_above_sheet(*begin, camera.aspect)
 
     def _begin(self) -> None:
         """Add what stands first: who drives, the gallery, the scene."""

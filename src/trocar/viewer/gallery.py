@@ -16,7 +16,8 @@ PICTURES = files("trocar.viewer").joinpath("pictures")
 STYLE = """<style>
 .gallery { display: grid; grid-template-columns: repeat(auto-fill, minmax(170px, 1fr)); gap: 8px; }
 .gallery button { font: inherit; text-align: left; padding: 0; border: 1px solid #c6d2de;
-  border-radius: 6px; background: none; cursor: pointer; overflow: hidden; color: inherit; }
+  border-radius: 6px; background: none; cursor: pointer; overflow: hidden; color: inherit;
+  display: flex; flex-direction: column; }
 .gallery button:hover, .gallery button:focus { border-color: #1c6fa4; }
 .gallery button[disabled] { opacity: .5; cursor: default; }
 .gallery img { width: 100%; display: block; aspect-ratio: 8 / 5; object-fit: cover; }

@@ -78,6 +78,7 @@ class Page:
         last: takes the readings of all arms
 
     Attributes:
+        server: as given
         bodies: of the arms and objects, for all browsers
         desks: {browser: its page}
         notices: the last warnings
@@ -99,7 +100,7 @@ class Page:
         past: LookBack | None = None,
         last: LastMinute | None = None,
     ) -> None:
-        self._server, self._loop, self._last = server, loop, last
+        self.server, self._loop, self._last = server, loop, last
         self._waits_since_s: float | None = None
         self.waits = False
         self.notices = Notices()
@@ -118,6 +119,7 @@ class Page:
         eyes = {} if pictures is None else pictures.cameras(world)
         self._contents = Contents(
             rig=world.rig.name,
+            camera=(server.initial_camera.position, server.initial_camera.look_at),
             loop=loop,
             arms={name: read_arm(world, name) for name in names},
             poses=world.rig.poses,
@@ -181,7 +183,7 @@ class Page:
         if self._contents.past is not None:
             state = self._contents.past.shown(state)
             now = state.snapshot
-        with self._server.atomic():
+        with self.server.atomic():
             self._show_bodies(now)
             self._drawings.show(now)
         self._ask_tips()
@@ -234,13 +236,13 @@ class Page:
         """Show the error that stopped the simulation."""
         for desk in self.desks.values():
             desk.fail(error)
-        self._server.flush()
+        self.server.flush()
 
     def part(self, text: str) -> None:
         """Show why the page closes."""
         for desk in self.desks.values():
             desk.fail(TrocarError(text))
-        self._server.flush()
+        self.server.flush()
 
 
 def serve(

@@ -47,6 +47,9 @@ ABOVE_M = 0.002
 MARGIN = 1.08
 """Distance over the one at which everything just fits a square view. Source: chosen by eye."""
 
+SHEET = 0.6
+"""Part of a phone's screen that viser's sheet covers at most. Source: viser 1.1, BottomPanel."""
+
 WORK = np.array([0.0, 0.0, -0.25])
 """From a remote centre to the work below it [m]. Source: about the reach of an instrument."""
 
@@ -380,6 +383,25 @@ def camera_for(points: Floats, view: Floats) -> tuple[Floats, Floats]:
     xy, depth = t * (high - low) / 2, MARGIN * float((high + low).max()) / 2
     middle = float(ahead.min() + ahead.max()) / 2
     return R.T @ [*xy, -depth], R.T @ [*xy, middle]
+
+
+def camera_above_sheet(position: Floats, look_at: Floats, aspect: float) -> tuple[Floats, Floats]:
+    """Move a camera of a square view back and down, for a tall view with a sheet over `SHEET`.
+
+    Args:
+        position, look_at: of the camera, (3,) each [m]
+        aspect: width over height of the tall view, below 1
+
+    Returns:
+        position, and the point that it looks at, (3,) each [m]
+    """
+    forward = look_at - position
+    right = np.cross(forward, (0.0, 0.0, 1.0))
+    up = np.cross(right, forward)
+    up /= np.linalg.norm(up)
+    back = forward / min(aspect, 1.0 - SHEET)
+    down = -up * SHEET * np.linalg.norm(back) * np.tan(FIELD_OF_VIEW / 2)
+    return look_at - back + down, look_at + down
 
 
 def corners(shapes: Sequence[ShapeRecord], snapshot: Snapshot) -> Floats:

@@ -17,11 +17,12 @@ from trocar.live.tip_goals import TipGoals
 from trocar.simulation import World
 from trocar.simulation.journal import WORLD
 from trocar.viewer.handles import CHOSEN, NONE, TipHandles, free_objects
+from trocar.viewer.look_back import LookBack
 from trocar.viewer.overlays import LONGEST_M, M_PER_N, Overlays
 from trocar.viewer.panel import read_arm
 from trocar.viewer.plots import PERIOD_S, LastMinute, QuantityPlots
 from trocar.viewer.server import LocalServer, serving
-from trocar.viewer.timeline import BACK, CONTINUE, NOW, STEP, LookBack, TimelineFolder
+from trocar.viewer.timeline import BACK, CONTINUE, NOW, STEP, TimelineFolder
 
 
 @pytest.fixture(scope="module")

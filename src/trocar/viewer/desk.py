@@ -22,6 +22,7 @@ from trocar.viewer.drawing import names as drawing_names
 from trocar.viewer.driving import Driving, DrivingTab
 from trocar.viewer.gallery import Gallery
 from trocar.viewer.help import hint, show_help
+from trocar.viewer.look_back import LookBack
 from trocar.viewer.measurements import STYLE, History, JointPlots, StatusTables
 from trocar.viewer.notices import Notices
 from trocar.viewer.panel import ArmInfo, Panel
@@ -29,7 +30,6 @@ from trocar.viewer.scene import RemoteCentres, ToolFrames, camera_above_sheet
 from trocar.viewer.scoreboard import SceneControls, Scoreboard, driver_of
 from trocar.viewer.seats import Seats
 from trocar.viewer.server import Buttons, when_touched
-from trocar.viewer.timeline import LookBack
 
 Floats = NDArray[np.float64]
 

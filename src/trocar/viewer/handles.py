@@ -48,7 +48,7 @@ def free_objects(world: World) -> dict[str, Floats]:
 class TipHandles:
     """The handles of one browser, and their folder, in the container that is open.
 
-    A handle follows its tip until somebody drags it; then the tip follows the handle, and stays
+    A handle follows its tip until a person drags it; then the tip follows the handle, and stays
     where it is let go. Where the goal is out of reach, a red ball with the reason stands there.
 
     Args:

@@ -38,7 +38,7 @@ PATH_S, PATH_STEP_M = 10.0, 2e-4
 
 
 class Overlays:
-    """What a browser draws over the scene, and its folder, in the container that is open.
+    """Arrows and paths over the scene, and their folder, in the container that is open.
 
     Args:
         desk: of the browser

@@ -28,6 +28,7 @@ from trocar.viewer.desk import Contents, Desk, Folder
 from trocar.viewer.driving import Driving
 from trocar.viewer.gallery import Choice, Gallery
 from trocar.viewer.handles import TipHandles, free_objects
+from trocar.viewer.look_back import LookBack
 from trocar.viewer.measurements import History
 from trocar.viewer.notices import Notices
 from trocar.viewer.overlays import Overlays
@@ -37,7 +38,7 @@ from trocar.viewer.scene import Bodies, Drawings, stage, tips_of
 from trocar.viewer.scoreboard import SceneControls
 from trocar.viewer.seats import Seats
 from trocar.viewer.server import LocalServer, entrance, run_there, serving
-from trocar.viewer.timeline import LookBack, TimelineFolder
+from trocar.viewer.timeline import TimelineFolder
 
 if TYPE_CHECKING:
     from trocar.simulation import World

@@ -76,6 +76,7 @@ class FakeArm:
         kinds = ["prismatic" if joint in LENGTHS else "revolute" for joint in joints]
         self.description = Namespace(
             mechanism=Namespace(joints=[Namespace(kind=kind) for kind in kinds]),
+            inverse_kinematics="",
             tool_frame="",
             tool="",
             type=kind,
@@ -224,6 +225,9 @@ class FakeWorld:
 
     def health(self) -> Health:
         return Health(4e-8, 7e-7, True, 0.36, {})
+
+    def save(self) -> Namespace:
+        return Namespace(time=self.time)
 
     def shapes(self) -> tuple[ShapeRecord, ...]:
         grey, dark, steel = (0.8, 0.8, 0.82, 1.0), (0.15, 0.15, 0.17, 1.0), (0.7, 0.72, 0.75, 1.0)

@@ -22,6 +22,7 @@ from trocar.viewer.drawing import names as drawing_names
 from trocar.viewer.driving import Driving, DrivingTab
 from trocar.viewer.gallery import Gallery
 from trocar.viewer.help import hint, show_help
+from trocar.viewer.look_back import LookBack
 from trocar.viewer.measurements import STYLE, History, JointPlots, StatusTables
 from trocar.viewer.notices import Notices
 from trocar.viewer.panel import ArmInfo, Panel
@@ -93,6 +94,7 @@ class Contents:
         gallery: what may be loaded; None: nothing
         note: returns HTML to show above the table of joints
         folders: make further parts of the page, in their order
+        past: the moment that is shown in place of the present
         waits: returns whether time waits for the first browser
     """
 
@@ -113,6 +115,7 @@ class Contents:
     gallery: Gallery | None = None
     note: Callable[[], str] | None = None
     folders: Sequence[Callable[[Desk], Folder]] = ()
+    past: LookBack | None = None
     waits: Callable[[], bool] = lambda: False
 
 
@@ -306,11 +309,18 @@ class Desk:
             self.tables.fail(error)
         self._channel.send({"bar": "", "banner": f"The simulation stopped: {error}"})
 
+    @property
+    def seat(self) -> str:
+        """The reason that keeps this browser from driving; "" for none."""
+        return self._contents.seats.blocked(self._who)
+
     def blocked(self, arm: str) -> str:
         """Return the reason that keeps an arm from this person; "" for none."""
         all_ = self._contents
-        if why := all_.seats.blocked(self._who):
-            return why
+        if self.seat:
+            return self.seat
+        if all_.past is not None and all_.past.looked is not None:
+            return "a moment of before is shown: Continue from here, or Now"
         scene = all_.scene
         if scene is not None and arm in scene.arms and (driver := scene.drives()):
             return f"the {driver} drives {arm}: Take control above"

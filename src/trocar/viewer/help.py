@@ -14,6 +14,21 @@ HINTS: Mapping[str, str] = {
     "Loop": "Begin the episode of the next seed 2 s after the end of one.",
     "Time": "Pause: commands given meanwhile take effect at Resume. Reset returns the rig, or the"
     " episode, to its start. docs/viewer.md",
+    "Look back": "The last minute [s]: shows a moment of before, and pauses. docs/viewer.md, Time",
+    "Step": "While paused: a moment back or forth [s], or one physics step [ms]."
+    " docs/viewer.md, Time",
+    "Moment": "Continue from here begins a branch: the simulation goes on from the moment that is"
+    " shown, without the policy. Now returns to the present. docs/viewer.md, Time",
+    "Tip handles": "Drag or turn a handle: the tip follows at 100 mm/s at most, and stays where you"
+    " let go. docs/viewer.md, Hands",
+    "Object handle": "While paused: drag the object's handle; it lies where you let go."
+    " docs/viewer.md, Hands",
+    "Placement": "Bring back the tip or the object that was placed last. docs/viewer.md, Hands",
+    "Contact forces": "Arrows at every contact, 10 mm a newton, with the largest in newtons [N]."
+    " docs/viewer.md, See",
+    "Tip paths": "The ways of the tips in the last 10 s. docs/viewer.md, See",
+    "Plot": "A quantity of a joint over the last minute [deg, mm, their rates, N m, N].",
+    "Last minute": "Save the chosen quantities, or all, as CSV in SI, 10 samples a second.",
     "All arms to": "Named poses of the rig, in joint space; setup joints stay. docs/simulation.md",
     "Arm": "The arm of the sliders, the table and the plot.",
     "State": "DISABLED, ENABLED, PAUSED or FAULT, as on the dVRK; an arm moves when it is ENABLED"

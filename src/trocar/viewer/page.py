@@ -21,17 +21,24 @@ from trocar.live.images import Pictures
 from trocar.live.inbox import Command
 from trocar.live.loop import Loop
 from trocar.live.state import LoopState
+from trocar.live.timeline import Timeline
+from trocar.live.tip_goals import TipGoals
 from trocar.simulation.journal import WORLD
 from trocar.viewer.desk import Contents, Desk, Folder
 from trocar.viewer.driving import Driving
 from trocar.viewer.gallery import Choice, Gallery
+from trocar.viewer.handles import TipHandles, free_objects
+from trocar.viewer.look_back import LookBack
 from trocar.viewer.measurements import History
 from trocar.viewer.notices import Notices
+from trocar.viewer.overlays import Overlays
 from trocar.viewer.panel import read_arm
+from trocar.viewer.plots import LastMinute, QuantityPlots
 from trocar.viewer.scene import Bodies, Drawings, stage, tips_of
 from trocar.viewer.scoreboard import SceneControls
 from trocar.viewer.seats import Seats
 from trocar.viewer.server import LocalServer, entrance, run_there, serving
+from trocar.viewer.timeline import TimelineFolder
 
 if TYPE_CHECKING:
     from trocar.simulation import World
@@ -68,6 +75,8 @@ class Page:
         gallery: what may be loaded in place of it
         note: returns HTML to show above the table of joints
         folders: make further parts of each browser's page
+        past: the moment that is shown in place of the present
+        last: takes the readings of all arms
 
     Attributes:
         server: as given
@@ -89,8 +98,10 @@ class Page:
         gallery: Gallery | None = None,
         note: Callable[[], str] | None = None,
         folders: Sequence[Callable[[Desk], Folder]] = (),
+        past: LookBack | None = None,
+        last: LastMinute | None = None,
     ) -> None:
-        self.server, self._loop = server, loop
+        self.server, self._loop, self._last = server, loop, last
         self._waits_since_s: float | None = None
         self.waits = False
         self.notices = Notices()
@@ -125,6 +136,7 @@ class Page:
             gallery=gallery,
             note=note,
             folders=folders,
+            past=past,
             waits=lambda: self.waits,
         )
         server.gui.configure_theme(
@@ -161,12 +173,17 @@ class Page:
             self.notices.clear()
         self._time_s = now.time
         self._contents.history.add(now)
+        if self._last is not None:
+            self._last.add(state)
         if not self.desks:
             return
         self._contents.seats.follow()
         self._begin_when_seen()
         self.notices.follow({name: arm.state == "ENABLED" for name, arm in now.arms.items()})
         banner = self._banner(state)
+        if self._contents.past is not None:
+            state = self._contents.past.shown(state)
+            now = state.snapshot
         with self.server.atomic():
             self._show_bodies(now)
             self._drawings.show(now)
@@ -276,10 +293,36 @@ def serve(
         sockets = ["{0.scheme}://{0.netloc}".format(urlsplit(driving.websocket))]
     with serving(host, port, f"trocar: {world.rig.name}", access, sockets) as server:
         loop = loop or Loop(world, speed=speed)
+        timeline = Timeline(world, loop.tick_s)
+        loop.watch(timeline)
+        past = LookBack(loop, timeline, lambda: scene and scene.drives() and scene.take())
+        goals = TipGoals(loop)
+        loop.watch(goals)
+        handled = tuple(n for n, arm in world.arms.items() if arm.description.inverse_kinematics)
+        things = tuple(free_objects(world))
+        hands = partial(TipHandles, goals=goals, arms=handled, things=things, loop=loop)
+        last = LastMinute()
+        described = {name: read_arm(world, name) for name in world.arms}
+        folders = (
+            partial(TimelineFolder, past=past),
+            *((hands,) if handled or things else ()),
+            partial(Overlays, loop=loop),
+            partial(QuantityPlots, arms=described, last=last),
+        )
         page = run_there(
             server,
             lambda: Page(
-                server, world, loop, pictures, driving, scene=scene, gallery=gallery, note=note
+                server,
+                world,
+                loop,
+                pictures,
+                driving,
+                scene=scene,
+                gallery=gallery,
+                note=note,
+                folders=folders,
+                past=past,
+                last=last,
             ),
         )
         with page.notices.listening(), closing(loop), suppress(KeyboardInterrupt):

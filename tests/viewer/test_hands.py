@@ -1,0 +1,244 @@
+"""Handles and the timeline on the page, without a browser."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trocar.geometry.se3 import translation
+from trocar.live import Command, Loop
+from trocar.live.timeline import Timeline
+from trocar.live.tip_goals import TipGoals
+from trocar.simulation import World
+from trocar.simulation.journal import WORLD
+from trocar.viewer.handles import CHOSEN, NONE, TipHandles, free_objects
+from trocar.viewer.look_back import LookBack
+from trocar.viewer.overlays import LONGEST_M, M_PER_N, Overlays
+from trocar.viewer.panel import read_arm
+from trocar.viewer.plots import PERIOD_S, LastMinute, QuantityPlots
+from trocar.viewer.server import LocalServer, serving
+from trocar.viewer.timeline import BACK, CONTINUE, NOW, STEP, TimelineFolder
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[LocalServer]:
+    with serving("127.0.0.1", 0, "test") as found:
+        yield found
+
+
+class Bench:
+    """A world that runs, and the two folders of one browser, which may drive."""
+
+    def __init__(self, server: LocalServer, rig: str = "psm") -> None:
+        self.world = World(rig)
+        self.loop = Loop(self.world, speed="max")
+        self.timeline, self.goals = Timeline(self.world, self.loop.tick_s), TipGoals(self.loop)
+        self.left: list[str] = []
+        self.seat = ""
+        self.past = LookBack(self.loop, self.timeline, lambda: self.left.append("policy"))
+        panel = SimpleNamespace(arm=SimpleNamespace(name="PSM1"))
+        self.desk: Any = SimpleNamespace(browser=server, panel=panel, blocked=self.blocked)
+        self.desk.seat = ""
+        things = tuple(free_objects(self.world))
+        self.hands = TipHandles(self.desk, self.goals, ("PSM1",), things, self.loop)
+        self.folder = TimelineFolder(self.desk, self.past)
+
+    def blocked(self, arm: str) -> str:  # noqa: ARG002
+        return "a moment of before" if self.past.looked else self.desk.seat
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        stops = [self.loop.watch(self.timeline), self.loop.watch(self.goals)]
+        self.loop.start()
+        try:
+            yield
+        finally:
+            self.loop.stop()
+            for stop in stops:
+                stop()
+            self.hands.close()
+
+    def until(self, seconds: float) -> None:
+        while self.loop.latest.time < seconds:
+            pass
+
+    def settled(self, **wanted: object) -> None:
+        """Wait until the loop's state is as wanted."""
+        while any(getattr(self.loop.state, key) != value for key, value in wanted.items()):
+            pass
+
+    def refresh(self) -> None:
+        self.loop.ask(lambda world: world.time).result()
+        for _ in range(2):
+            self.hands.show(self.loop.state)
+            if self.hands._answer is not None:
+                self.hands._answer.result()
+        self.folder.show(self.past.shown(self.loop.state))
+
+
+def tip(bench: Bench) -> np.ndarray:
+    return bench.loop.ask(lambda world: world.arm("PSM1").setpoint_cp("world").matrix).result()
+
+
+def test_a_tip_follows_its_handle_and_undo_brings_it_back(server: LocalServer) -> None:
+    bench = Bench(server)
+    with bench.running():
+        bench.refresh()
+        start = tip(bench)
+        goal = translation([0.01, 0.0, -0.02]) @ start
+        for phase in ("start", "update", "end"):
+            bench.hands.drag("PSM1", goal, phase)
+        bench.until(bench.loop.latest.time + 0.6)
+        assert tip(bench) == pytest.approx(goal, abs=1e-6)
+        bench.refresh()
+        assert np.array(bench.hands.nodes["PSM1"].position) == pytest.approx(goal[:3, 3], abs=1e-4)
+        bench.hands.undo()
+        bench.until(bench.loop.latest.time + 0.6)
+        assert tip(bench) == pytest.approx(start, abs=1e-6)
+
+
+def test_who_may_not_drive_moves_nothing(server: LocalServer) -> None:
+    bench = Bench(server)
+    with bench.running():
+        bench.refresh()
+        start = tip(bench)
+        bench.desk.seat = "browser 1 drives"
+        for phase in ("start", "update", "end"):
+            bench.hands.drag("PSM1", translation([0.02, 0.0, 0.0]) @ start, phase)
+        bench.until(bench.loop.latest.time + 0.3)
+        assert tip(bench).tolist() == start.tolist()
+        bench.refresh()
+        assert not bench.hands.nodes["PSM1"].visible
+
+
+def test_a_handle_is_shown_at_the_chosen_arm_or_none(server: LocalServer) -> None:
+    bench = Bench(server)
+    with bench.running():
+        for choice in (CHOSEN, NONE):
+            bench.hands._which.value = choice
+            bench.refresh()
+            assert bench.hands.nodes["PSM1"].visible == (choice == CHOSEN)
+
+
+def test_an_object_is_placed_while_time_stands_still(server: LocalServer) -> None:
+    bench = Bench(server, "pegs")
+    name = next(iter(free_objects(bench.world)))
+    with bench.running():
+        bench.until(0.2)
+        bench.loop.post(Command(WORLD, "pause"))
+        bench.settled(paused=True)
+        bench.hands._thing.value = name
+        bench.refresh()
+        assert list(bench.hands._objects) == [name]
+        before = bench.loop.ask(free_objects).result()[name]
+        goal = translation([0.0, 0.0, 0.05]) @ before
+        for phase in ("start", "update", "end"):
+            bench.hands.place(name, goal, phase)
+        assert bench.loop.ask(free_objects).result()[name] == pytest.approx(goal, abs=1e-9)
+        bench.hands.undo()
+        assert bench.loop.ask(free_objects).result()[name] == pytest.approx(before, abs=1e-9)
+
+
+def test_looking_back_pauses_shows_the_moment_and_keeps_the_present(server: LocalServer) -> None:
+    bench = Bench(server)
+    with bench.running():
+        bench.loop.post(Command("PSM1", "move_jp", {"q": (0.4, 0.0, 0.12, 0.0, 0.0, 0.0)}))
+        bench.until(1.0)
+        bench.past.look(0.3)
+        bench.settled(paused=True)
+        state = bench.loop.state
+        shown = bench.past.shown(state).snapshot
+        assert shown.time == pytest.approx(0.3, abs=0.02)
+        assert shown.arms["PSM1"].q[0] < state.snapshot.arms["PSM1"].q[0]
+        bench.folder._press(BACK)
+        assert bench.past.shown(state).snapshot.time == pytest.approx(shown.time - 0.1)
+        bench.folder._press(NOW)
+        assert bench.past.shown(state) is state
+
+
+def test_a_branch_goes_on_from_the_moment_without_the_policy(server: LocalServer) -> None:
+    bench = Bench(server)
+    with bench.running():
+        bench.until(1.0)
+        bench.past.look(0.5)
+        bench.settled(paused=True)
+        moment = bench.past.looked
+        assert moment is not None
+        bench.folder._press(CONTINUE)
+        bench.loop.ask(lambda world: world.time).result()
+        assert bench.loop.ask(lambda world: world.time).result() == pytest.approx(moment.time)
+        assert bench.left == ["policy"] and bench.past.looked is None
+        assert all(kept.time <= moment.time for kept in bench.timeline.moments)
+
+
+def test_time_that_flows_again_ends_the_look_back(server: LocalServer) -> None:
+    bench = Bench(server)
+    with bench.running():
+        bench.until(0.5)
+        bench.past.look(0.2)
+        bench.settled(paused=True)
+        bench.past.shown(bench.loop.state)
+        bench.loop.post(Command(WORLD, "resume"))
+        bench.settled(paused=False)
+        state = bench.loop.state
+        assert bench.past.shown(state) is state and bench.past.looked is None
+
+
+def test_a_step_moves_time_by_one_physics_step(server: LocalServer) -> None:
+    bench = Bench(server)
+    with bench.running():
+        bench.until(0.1)
+        bench.loop.post(Command(WORLD, "pause"))
+        bench.settled(paused=True)
+        before = bench.loop.ask(lambda world: world.periods).result()
+        bench.folder._press(STEP)
+        assert bench.loop.ask(lambda world: world.periods).result() == before + 1
+
+
+def test_the_last_minute_is_that_of_the_arms_and_its_table_has_all_of_it(
+    server: LocalServer,
+) -> None:
+    bench, last = Bench(server), LastMinute()
+    plots = QuantityPlots(bench.desk, {"PSM1": read_arm(bench.world, "PSM1")}, last)
+    bench.loop.post(Command("PSM1", "move_jp", {"q": (0.4, 0.0, 0.12, 0.0, 0.0, 0.0)}))
+    measured: list[float] = []
+    for _ in range(700):
+        bench.loop.run(PERIOD_S)
+        last.add(bench.loop.state)
+        measured.append(float(bench.world.arm("PSM1").measured_js().position[0]))
+    assert last.times[-1] - last.times[0] == pytest.approx(60.0)
+    assert last.values("PSM1", 0, "measured") == pytest.approx(measured[-601:], abs=1e-9)
+    error = last.values("PSM1", 0, "measured") - last.values("PSM1", 0, "commanded")
+    assert last.values("PSM1", 0, "error") == pytest.approx(error, abs=1e-12)
+    rows = plots.table().splitlines()
+    assert rows[0].split(",")[:2] == ["time s", "PSM1 yaw measured rad"]
+    assert len(rows) == 602 and float(rows[-1].split(",")[1]) == pytest.approx(measured[-1])
+    plots.show(bench.loop.state)
+
+
+def test_an_arrow_stands_at_each_contact_as_long_as_its_force(server: LocalServer) -> None:
+    bench = Bench(server)
+    see = Overlays(bench.desk, bench.loop)
+    see._forces.value = see._trails.value = True
+    with bench.running():
+        bench.goals.set("PSM1", translation([0.1, 0.0, -0.3]) @ tip(bench))  # into the table
+        bench.until(6.0)
+        bench.loop.post(Command(WORLD, "pause"))
+        bench.settled(paused=True)
+        see.show(bench.loop.state)
+        assert see._answer is not None
+        _, contacts, tips = see._answer.result()
+        see.show(bench.loop.state)
+        assert see.shown[0] == len(contacts) > 0 and set(see.shown[1]) == set(tips)
+        assert see._arrows is not None
+        way = see._arrows.points[:, 1] - see._arrows.points[:, 0]
+        newtons = np.sort(np.linalg.norm(contacts[:, 3:], axis=1))[::-1]
+        lengths = np.linalg.norm(way, axis=1)
+        assert lengths == pytest.approx(np.minimum(M_PER_N * newtons, LONGEST_M), rel=1e-4)
+        see.close()
+        assert see.shown == (0, {})

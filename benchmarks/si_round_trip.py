@@ -61,7 +61,8 @@ def made_robot(arm: ArmDescription, rng: np.random.Generator) -> Overlay:
 def si_round_trip(rigs: tuple[str, ...] = ("psm_si", "ecm_si")) -> list[Figure]:
     """Identify arms that lean as on their cart from logs of motions of `excite`.
 
-    Without gravity compensation, whose steps of 20 ms samples at 200 Hz would fold onto the effort.
+    With computed torque: the steps of gravity compensation, 20 ms apart, fold onto efforts that are
+    sampled at 200 Hz.
     As in `drives.round_trip`: short physics steps, stop elements renewed in each, mean efforts of
     the steps around a sample.
     """
@@ -76,7 +77,7 @@ def si_round_trip(rigs: tuple[str, ...] = ("psm_si", "ecm_si")) -> list[Figure]:
         world = World(load_rig(rig, {name: robot}), collisions=False, timestep_s=FINE_S)
         world.part(Drivetrains).every = 1
         world.load(world.save())
-        world.arm(name).joints.use_gravity_compensation(False)
+        world.arm(name).joints.use_computed_torque(True)
         every = round(1.0 / plan.rate_hz / FINE_S)
         times = np.arange((len(plan.q) - 1) * every + 1) * FINE_S
         world.set_state(name, curve(0.0))

@@ -23,7 +23,7 @@ from trocar.descriptions.fixtures import read_fixtures
 from trocar.descriptions.overlay import Overlay, read_overlay, write_overlay
 from trocar.errors import TrocarError
 from trocar.formats.importing import import_file
-from trocar.formats.meshes import load_surface
+from trocar.formats.surfaces import read_surface
 from trocar.recording import open_recording, record
 from trocar.robot.calibration import read_tracks
 from trocar.robot.calibration.camera_views import read_views
@@ -202,7 +202,7 @@ def written(folder: Path) -> list[tuple[Path, Read]]:
 def _imported(file: Path, out: Path) -> object:
     """Import an arm, or read a mesh."""
     mesh = file.suffix in (".obj", ".stl")
-    return load_surface(file) if mesh else import_file(file, out / "made")
+    return read_surface(file) if mesh else import_file(file, out / "made")
 
 
 def _log(file: Path) -> None:

@@ -3,6 +3,9 @@
 Run it without ROS: trocar run examples/scripts/follow.py --speed max
 """
 
+# rclpy comes from ROS 2, or from `trocar run`.
+# pyright: reportMissingImports=false
+
 import math
 
 import rclpy

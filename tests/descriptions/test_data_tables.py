@@ -184,6 +184,7 @@ def test_the_zero_of_dvrk_model_s_pitch_leans_the_shaft_and_moves_the_mount() ->
 def test_the_dvrk_s_physical_chain_of_the_si_ends_0_1_mm_beside_its_serial_one() -> None:
     row = next(e for e in errata("psm_si") if e.key == "offset_m")
     assert row.printed == pytest.approx(-0.1810 - 0.1800 - 0.1215, abs=1e-12)
+    assert isinstance(row.mended, float)
     arm = load_arm("psm_si", "none")
     at = pose(arm.mechanism, np.zeros(3), "insertion")
     assert np.linalg.norm(at[:3, 3]) == pytest.approx(-row.mended, abs=1e-9)

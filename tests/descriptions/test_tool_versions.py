@@ -39,6 +39,7 @@ def test_a_published_name_leads_back_to_its_tool(name):
 @pytest.mark.parametrize("name", BUILT_IN)
 def test_gears_change_the_ratio_of_the_roll_alone(name):
     geared, before = load_tool(name), load_tool(name.removesuffix(GEARED))
+    assert geared.coupling is not None and before.coupling is not None
     A, B = geared.coupling.actuator_to_joint, before.coupling.actuator_to_joint
     assert A[0, 0] == 1.5333
     np.testing.assert_array_equal(A[1:], B[1:])

@@ -102,7 +102,7 @@ def test_a_served_policy_moves_as_without_a_loop_and_again_after_a_reset(
         while not live.done:
             loop.tick(loop.quiet_ticks())
         assert live.result(2) == alone
-        assert f"policy own: {alone.reason}" in served.note()
+        assert (served.driver, served.state()["reason"]) == ("policy own", alone.reason)
         live.world.reset()  # as somebody on the page does
         loop.tick(loop.quiet_ticks())
         assert not live.done and live.world.time < 0.01
@@ -303,7 +303,7 @@ def test_a_served_policy_that_raises_leaves_the_arms_where_they_are(
     served.watch(loop)
     for _ in range(500):
         loop.tick()
-    assert f"policy own.py: {path}: line 5: ZeroDivisionError" in served.note()
+    assert f"{path}: line 5: ZeroDivisionError" in served.state()["reason"]
     before = task.world.arms["PSM1"].joints.setpoints()
     for _ in range(100):
         loop.tick()

@@ -133,17 +133,18 @@ def test_what_leads_from_one_to_another_leads_there():
 
 
 def test_power_is_the_same_in_every_frame_and_at_every_point():
-    def six(kind: type) -> KdlTwist | KdlWrench:
-        return kind(Vector(*RNG.normal(size=3)), Vector(*RNG.normal(size=3)))
+    def two() -> tuple[Vector, Vector]:
+        return Vector(*RNG.normal(size=3)), Vector(*RNG.normal(size=3))
 
     for _ in range(20):
-        T, twist, wrench = some_frame(), six(KdlTwist), six(KdlWrench)
+        T, twist, wrench = some_frame(), KdlTwist(*two()), KdlWrench(*two())
         power, point = dot(twist, wrench), Vector(*RNG.normal(size=3))
         assert dot(T * twist, T * wrench) == pytest.approx(power)
         assert dot(T.M * twist, T.M * wrench) == pytest.approx(power)
         assert dot(twist.RefPoint(point), wrench.RefPoint(point)) == pytest.approx(power)
         assert Equal(twist + -twist, KdlTwist.Zero(), 1e-12)
         assert Equal(2.0 * twist - twist / 0.5, KdlTwist(), 1e-12)
+    twist = KdlTwist()
     twist.vel = Vector(1.0, 2.0, 3.0)
     twist[5] = 9.0
     assert [twist[k] for k in (0, 2, 5)] == [1.0, 3.0, 9.0]

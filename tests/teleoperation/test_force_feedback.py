@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -215,7 +215,7 @@ def test_feedback_is_off_at_first_and_at_real_masters_unless_it_is_asked_for() -
         ({"delay": float("nan")}, "delay of nan s"),
     ],
 )
-def test_settings_out_of_range_are_rejected(settings: dict[str, float], said: str) -> None:
+def test_settings_out_of_range_are_rejected(settings: dict[str, Any], said: str) -> None:
     with pytest.raises(InputError, match=said):
         FeedbackSettings("position-force", **settings)
 

@@ -85,6 +85,7 @@ def test_an_instrument_without_a_jaw_keeps_its_fingers_shut(tmp_path: Path) -> N
     assert arm.tool == PROBE and arm.joint("jaw").upper < 1e-4
     world = World(found.rig)
     psm = world.arm("PSM1")
+    assert psm.jaw is not None
     psm.jaw.servo_jp([0.5])
     world.step(500)
     assert abs(psm.jaw.measured_js().position[0]) < 1e-3

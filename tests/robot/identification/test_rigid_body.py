@@ -69,7 +69,7 @@ def test_efforts_at_rest_hold_the_arm_and_accelerate_its_apparent_inertia(
 def test_gravity_of_a_leaning_arm_comes_from_where_it_leans(
     name: str, rng: np.random.Generator
 ) -> None:
-    stand = standing_arm(name, base_rpy=np.radians([-45.0, 10.0, 70.0]))
+    stand = standing_arm(name, base_rpy=np.radians([-45.0, 10.0, 70.0]).tolist())
     arm, (count, joints) = stand.arm, motion_of(stand.arm, rng).q.shape
     q, still = motion_of(arm, rng).q, np.zeros((count, joints))
     held = rigid_efforts(arm, JointMotion(q, still, still, up=stand.up))

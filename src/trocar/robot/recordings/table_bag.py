@@ -8,7 +8,14 @@ from pathlib import Path
 
 from trocar.descriptions import ArmDescription
 from trocar.errors import LogError, TrocarError
-from trocar.recording.bags import JOINT_STATE, Bag, ImageMessage, JointMessage, PoseMessage
+from trocar.recording.bags import (
+    JOINT_STATE,
+    Bag,
+    ImageMessage,
+    JointMessage,
+    Packed,
+    PoseMessage,
+)
 from trocar.robot.recordings.arm_motion import ArmMotion
 from trocar.robot.recordings.columns import choose_arm
 from trocar.robot.recordings.read import ReadSettings, arms_in, read_arm_motion
@@ -58,7 +65,11 @@ def bag_of_table(
     def images(_wanted: Collection[str]) -> Iterator[ImageMessage]:
         return iter(())
 
-    return Bag(str(path), {topic(name): JOINT_STATE for name in found}, messages, poses, images)
+    def raw(_wanted: Collection[str]) -> Iterator[Packed]:
+        return iter(())
+
+    topics = {topic(name): JOINT_STATE for name in found}
+    return Bag(str(path), topics, messages, poses, images, raw)
 
 
 def _messages(name: str, motion: ArmMotion) -> Iterator[JointMessage]:

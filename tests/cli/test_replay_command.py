@@ -16,7 +16,8 @@ from trocar.cli import replay
 from trocar.errors import LogError
 
 KEYS = [
-    "log", "arm", "mode", "samples", "clipped", "tracking_rms", "effort_rms", "effort_relative_rms",
+    "log", "arm", "mode", "understood", "rate_hz", "pieces", "samples", "clipped",
+    "tracking_rms", "effort_rms", "effort_relative_rms",
 ]  # fmt: skip
 JOINTS = ["yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw", "jaw"]
 
@@ -49,10 +50,11 @@ def test_json_is_one_document_with_these_keys(
     assert list(report) == KEYS
     assert (report["log"], report["arm"], report["mode"]) == (log, "psm", mode)
     assert (report["samples"], report["clipped"]) == (60, 0)
-    for figure in KEYS[5:]:
+    for figure in KEYS[-3:]:
         assert list(report[figure]) == JOINTS
         assert all(isinstance(value, float) for value in report[figure].values())
-    assert terminal.getvalue().endswith("\x1b[2K")  # the bar is wiped
+    bar, said = terminal.getvalue().rsplit("\x1b[2K", 1)  # the bar is wiped
+    assert bar and said == "psm: 7 joints at 200.0 Hz\n" == report["understood"] + "\n"
 
 
 def test_the_table_has_a_line_per_joint_with_units(
@@ -65,7 +67,7 @@ def test_the_table_has_a_line_per_joint_with_units(
     assert [line.split()[0] for line in lines] == JOINTS
     assert " mrad" in lines[0] and " N m" in lines[0]
     assert " mm" in lines[2] and " N " in lines[2]
-    assert not printed.err  # no progress bar where there is no terminal
+    assert printed.err == "psm: 7 joints at 200.0 Hz\n"  # no progress bar without a terminal
 
 
 def test_a_terminal_sees_how_far_it_is(log: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -75,11 +77,13 @@ def test_a_terminal_sees_how_far_it_is(log: str, monkeypatch: pytest.MonkeyPatch
 
 
 def test_the_bar_is_wiped_before_an_error_is_told(
-    log: str, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    torn = tmp_path / "torn.csv"
+    torn.write_text(",".join("0" * 21) + "\n" + ",".join("0" * 20) + ",here\n", encoding="utf-8")
     monkeypatch.setattr(sys, "stderr", terminal := Terminal())
     with pytest.raises(LogError):
-        run(log + ".missing")
+        run(str(torn))
     assert terminal.getvalue().endswith("\x1b[2K")  # erase the line
 
 

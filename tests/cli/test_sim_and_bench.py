@@ -110,7 +110,7 @@ def test_tools_are_chosen_at_the_start(capsys):
         (["--timestep", "0.5", "--headless"], "allowed: above 0 to 0.01 s"),
         (["--errors", "labb", "--headless"], "unknown errors 'labb' (did you mean 'lab'?); known"),
         (["--seed", "-1", "--headless"], "seed: got -1; allowed: a whole number from 0 on"),
-        (["--speed", "slow"], "invalid choice: 'slow'"),
+        (["--speed", "slow"], "got 'slow'; allowed: realtime, max, or a factor of real time"),
         (["--port", "70000"], "got port 70000; allowed: 1 to 65535"),
     ],
 )

@@ -190,8 +190,6 @@ def test_transparency_is_said_to_be_lost(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_every_listed_format_is_read_with_its_size_and_z_up(suffix: str, tmp_path: Path) -> None:
-    if suffix == ".dae":
-        pytest.importorskip("collada", reason="pycollada is not installed (extra convex)")
     body = box()
     if suffix in (".glb", ".gltf", ".dae"):  # y is up in these
         body.apply_transform(trimesh.transformations.rotation_matrix(-np.pi / 2, (1, 0, 0)))

@@ -125,7 +125,7 @@ def test_commands_are_not_written_to_and_not_kept():
 def test_unknown_names_list_the_known():
     with pytest.raises(
         UnknownNameError,
-        match="known: ecm, ecm_si, full_cart, full_cart_mtm, full_cart_si, mtm, pegs, psm,",
+        match="known: ecm, ecm_si, full_cart, full_cart_mtm, full_cart_mtm_si, full_cart_si, mtm,",
     ):
         World("robot")
     world = World("psm")

@@ -17,7 +17,7 @@ from trocar.teleoperation import Teleoperation
 from trocar.teleoperation.force_feedback import (
     MOST_N,
     Architecture,
-    Channel,
+    DelayLine,
     FeedbackSettings,
     ForceFeedback,
     ForceSource,
@@ -52,7 +52,7 @@ def following(settings: FeedbackSettings) -> tuple[World, Loop, PsmTeleoperation
 
 
 def test_a_channel_delivers_what_was_sent_a_delay_ago() -> None:
-    channel: Channel[int] = Channel(0.003)
+    channel: DelayLine[int] = DelayLine(0.003)
     arrived = [channel.send(k * PERIOD_S, k) for k in range(8)]
     assert arrived == [0, 0, 0, 0, 1, 2, 3, 4]
     channel.restart()

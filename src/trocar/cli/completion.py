@@ -11,6 +11,8 @@ from argparse import PARSER, SUPPRESS, Action, ArgumentParser, Namespace
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, cast
 
+from trocar.cli.arguments import speed
+
 if TYPE_CHECKING:
     from trocar.descriptions.catalogue import Shelf
 
@@ -60,6 +62,8 @@ def _values(action: Action) -> list[str]:
 
     if action.choices is not None:
         return [str(choice) for choice in action.choices]
+    if action.type is speed:
+        return ["realtime", "max"]
     kinds: dict[str, tuple[Shelf, ...]] = {
         "--rig": ("rigs",),
         "ARM": ("arms",),

@@ -55,10 +55,10 @@ def run(args: Namespace) -> int:
     from trocar.robot.identification import predict
     from trocar.robot.identification.predict import write_report
 
-    allow_log(args, args.log)
     allow_overwrite(args, "report")
     if args.report is not None:
         check_folder(args.report, args.overwrite)
+    allow_log(args, args.log)
     how = log_settings(args)
     found: list[Prediction] = []
     with progress_steps() as watch:

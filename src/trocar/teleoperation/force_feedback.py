@@ -88,7 +88,7 @@ class FeedbackSettings:
             )
 
 
-class Channel(Generic[S]):
+class DelayLine(Generic[S]):
     """Deliver values after a delay; before the first arrives, that one.
 
     Args:
@@ -193,8 +193,8 @@ class ForceFeedback:
         self.contact: Callable[[], Array] = lambda: world.contact_forces()[slave]
         self.force = np.zeros(3)
         self._world, self._arm = world, world.arm(slave)
-        self._out: Channel[Array] = Channel(settings.delay)
-        self._back: Channel[Array] = Channel(settings.delay)
+        self._out: DelayLine[Array] = DelayLine(settings.delay)
+        self._back: DelayLine[Array] = DelayLine(settings.delay)
         self._gap: Array | None = None
         self._R_world_view, self._scale = np.eye(3), 1.0
 

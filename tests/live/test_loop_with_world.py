@@ -172,3 +172,27 @@ def test_every_arms_health_is_looked_at_in_turn():
     loop.close()
     assert looked == set(world.arms)
     assert health.loop_gap_m == max(h.loop_gap_m for h in health.per_arm.values())
+
+
+def test_speed_changes_while_it_runs_and_motion_does_not() -> None:
+    ends: list[list[float]] = []
+    for changes in ((), (0.5, "max", 3.0)):
+        world = World("psm")
+        loop = Loop(world, speed="max")
+        loop.post(Command("PSM1", "move_jp", {"q": (0.4, -0.2, 0.15, 0.5, 0.2, 0.1)}))
+        loop.run(0.1)
+        for speed in changes:
+            loop.post(Command("world", "set_speed", {"speed": speed}))
+            loop.run(0.1)
+            assert loop.speed == (None if speed == "max" else speed)
+        loop.run(0.4 - world.time)
+        ends.append(world.arm("PSM1").measured_js().position.tolist())
+    assert ends[0] == ends[1]
+
+
+@pytest.mark.parametrize("speed", [0.0, -1.0, float("nan"), "fast"])
+def test_a_speed_that_is_none_is_rejected_and_nothing_changes(speed: float | str) -> None:
+    loop = Loop(World("psm"), speed="max")
+    loop.post(Command("world", "set_speed", {"speed": speed}))
+    loop.run(0.01)
+    assert loop.speed is None and loop.state.refused == 1

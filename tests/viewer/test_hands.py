@@ -242,3 +242,18 @@ def test_an_arrow_stands_at_each_contact_as_long_as_its_force(server: LocalServe
         assert lengths == pytest.approx(np.minimum(M_PER_N * newtons, LONGEST_M), rel=1e-4)
         see.close()
         assert see.shown == (0, {})
+
+
+def test_the_speed_of_the_page_is_that_of_the_loop(server: LocalServer) -> None:
+    bench = Bench(server)
+    with bench.running():
+        bench.refresh()
+        assert bench.folder._speed.value == "max"  # as the loop was made
+        bench.folder._set_speed("0.5 x")
+        bench.loop.ask(lambda world: world.time).result()
+        bench.refresh()
+        assert (bench.loop.speed, bench.folder._speed.value) == (0.5, "0.5 x")
+        bench.desk.seat = "browser 1 drives"
+        bench.folder._set_speed("2 x")
+        bench.loop.ask(lambda world: world.time).result()
+        assert bench.loop.speed == 0.5

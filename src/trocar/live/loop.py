@@ -14,7 +14,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
 from contextlib import AbstractContextManager, ExitStack, nullcontext
-from typing import TYPE_CHECKING, Literal, TypeVar
+from typing import TYPE_CHECKING, Literal, TypeAlias, TypeVar
 
 from trocar.errors import DivergedError, InputError, TrocarError, UnknownNameError
 from trocar.live.commanders import Commanders
@@ -44,7 +44,9 @@ MOST_STEPS = 10_000
 other command is applied."""
 
 ASK = "ask"
-LOOP_VERBS = ("pause", "resume", "step", "reset")
+LOOP_VERBS = ("pause", "resume", "step", "reset", "set_speed")
+
+Speed: TypeAlias = "Literal['realtime', 'max'] | float"
 
 PATIENCE_S = 0.005
 """Simulated time between two checks of commands and clock without watchers [s]: ticks in
@@ -74,27 +76,24 @@ class Loop:
         self,
         world: World,
         *,
-        speed: Literal["realtime", "max"] | float = "realtime",
+        speed: Speed = "realtime",
         tick_s: float | None = None,
         clock: Clock | None = None,
         on_apply: Callable[[int, Command], None] | None = None,
     ) -> None:
-        if isinstance(speed, str) and speed not in ("realtime", "max"):
-            raise UnknownNameError("speed", speed, ("realtime", "max"))
-        if not isinstance(speed, str) and not 0.0 < speed < float("inf"):
-            raise InputError(f"speed: got {speed:g}; allowed: above 0, realtime or max")
         self._world = world
         if tick_s is None:
             tick_s = nearest_tick(TICK_S, world.timestep)
         self._known = {*world.arms, *world.objects, WORLD}
         self._substeps = whole_steps(tick_s, world.timestep)
         self._tick_s = tick_s
-        self._realtime, self._factor = speed != "max", 1.0 if isinstance(speed, str) else speed
+        self._factor = _factor(speed)
+        self._let_go_s = 0.0
         self._clock = clock or WallClock()
         self._on_apply = on_apply
         self._inbox = Inbox(self._clock.now)
         self._inbox.drop = self._drop
-        self._pace = Pace(self._clock, tick_s / self._factor)
+        self._pace = Pace(self._clock, tick_s / (self._factor or 1.0))
         self._longest = max(1, round(PATIENCE_S / tick_s))
         self._posted = Wakeup()
         self._stopping = threading.Event()
@@ -120,6 +119,11 @@ class Loop:
     def tick_s(self) -> float:
         """Simulated time between two tick boundaries [s]."""
         return self._tick_s
+
+    @property
+    def speed(self) -> float | None:
+        """Simulated over wall time that it keeps to; None: as fast as it goes."""
+        return self._factor
 
     @property
     def now(self) -> float:
@@ -274,7 +278,7 @@ class Loop:
         try:
             while not self._stopping.is_set() and (last is None or self._ticks < last):
                 due = 1
-                if self._realtime or self._paused:
+                if self._factor or self._paused:
                     due = self._pace.wait(self._patience(last), self._posted)
                 self.tick(due)
                 self._publisher.publish_if_due(
@@ -341,6 +345,9 @@ class Loop:
         """Apply a verb of the world that changes how time passes."""
         if command.verb == "reset":
             command.apply(self._world)
+        if command.verb == "set_speed":
+            self._set_speed(command.kwargs["speed"])
+            return
         if command.verb != "step":
             self._paused = command.verb == "pause" or (self._paused and command.verb == "reset")
             self._restart()
@@ -352,6 +359,17 @@ class Loop:
             raise InputError(f"step: got {periods} steps; allowed: 1 to {MOST_STEPS}")
         self._world.step(periods)
         self._stepped += periods
+
+    def _set_speed(self, speed: Speed) -> None:
+        factor = _factor(speed)
+        self._let_go_s = self._skipped_s()
+        self._factor = factor
+        self._pace = Pace(self._clock, self._tick_s / (factor or 1.0))
+        self._publisher.restart()
+
+    def _skipped_s(self) -> float:
+        """Return the simulated time that was given up catching up [s]."""
+        return self._let_go_s + (self._factor or 1.0) * self._pace.let_go_s
 
     def _drop(self, first: Command, count: int) -> None:
         self._refuse(first, f"{count} commands waited as the world was reset: dropped")
@@ -369,9 +387,8 @@ class Loop:
 
     def _elapsed(self) -> Elapsed:
         simulated = self._ticks * self._tick_s + self._stepped * self._world.timestep
-        due_s = self._pace.due_s if self._realtime or self._paused else None
-        let_go_s = self._factor * self._pace.let_go_s
-        return Elapsed(simulated, let_go_s, self._paused, self._stepped, due_s)
+        due_s = self._pace.due_s if self._factor or self._paused else None
+        return Elapsed(simulated, self._skipped_s(), self._paused, self._stepped, due_s)
 
     def _restart(self) -> None:
         self._pace.restart()
@@ -379,3 +396,16 @@ class Loop:
 
     def _all_refused(self) -> int:
         return self._refused + self._inbox.rejected
+
+
+def _factor(speed: Speed) -> float | None:
+    """Return simulated over wall time of a speed; None for "max"."""
+    if speed == "max":
+        return None
+    if isinstance(speed, str):
+        if speed != "realtime":
+            raise UnknownNameError("speed", speed, ("realtime", "max"))
+        return 1.0
+    if not 0.0 < speed < float("inf"):
+        raise InputError(f"speed: got {speed:g}; allowed: above 0, realtime or max")
+    return speed

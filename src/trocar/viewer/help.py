@@ -15,6 +15,7 @@ HINTS: Mapping[str, str] = {
     "Time": "Pause: commands given meanwhile take effect at Resume. Reset returns the rig, or the"
     " episode, to its start. docs/viewer.md",
     "Look back": "The last minute [s]: shows a moment of before, and pauses. docs/viewer.md, Time",
+    "Speed": "Simulated over wall time; below 1 is slow motion. docs/viewer.md, Time",
     "Step": "While paused: a moment back or forth [s], or one physics step [ms]."
     " docs/viewer.md, Time",
     "Moment": "Continue from here begins a branch: the simulation goes on from the moment that is"

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 BACK, FORTH, STEP = "-0.1 s", "+0.1 s", "+1 ms"
 CONTINUE, NOW = "Continue from here", "Now"
 SPEEDS = {"0.1 x": 0.1, "0.2 x": 0.2, "0.5 x": 0.5, "real time": 1.0, "2 x": 2.0, "max": None}
+"""Simulated over wall time; None: as fast as it goes."""
 
 
 class TimelineFolder:
@@ -38,11 +39,15 @@ class TimelineFolder:
                 "Look back s", min=-PERIOD_S, max=0.0, step=PERIOD_S, initial_value=0.0,
                 hint=hint("Look back"),
             )  # fmt: skip
+            self._speed = gui.add_dropdown(
+                "Speed", list(SPEEDS), initial_value="real time", hint=hint("Speed")
+            )
             self._steps = Buttons(gui, "Step", (BACK, STEP, FORTH), self._press, hint("Step"))
             self._branch = Buttons(gui, "Moment", (CONTINUE, NOW), self._press, hint("Moment"))
             self._text = gui.add_html("")
         self._shown = ""
         when_touched(self._slider, self._look)
+        when_touched(self._speed, self._set_speed)
         self._show_moment()
 
     def show(self, state: LoopState) -> None:
@@ -61,6 +66,7 @@ class TimelineFolder:
         blocked = bool(desk.seat)
         if self._slider.disabled != blocked:
             self._slider.disabled = blocked
+        self._show_speed(past.loop.speed, disabled=blocked)
         steps = (BACK, STEP, FORTH) if past.looked is None else (BACK, FORTH)
         self._steps.show(steps, disabled=blocked or not state.paused)
         self._show_moment()
@@ -77,6 +83,22 @@ class TimelineFolder:
 
     def close(self) -> None:
         """Do nothing: it has no nodes in the scene."""
+
+    def _show_speed(self, speed: float | None, *, disabled: bool) -> None:
+        """Show the speed that is in force, also one of the command line."""
+        name = next((n for n, factor in SPEEDS.items() if factor == speed), "") or f"{speed:g} x"
+        if name not in self._speed.options:
+            self._speed.options = (*self._speed.options, name)
+        if self._speed.value != name:
+            self._speed.value = name
+        if self._speed.disabled != disabled:
+            self._speed.disabled = disabled
+
+    def _set_speed(self, name: str) -> None:
+        if not self._desk.seat:
+            factor = SPEEDS.get(name, self._past.loop.speed)
+            speed = "max" if factor is None else factor
+            self._past.loop.post(Command(WORLD, "set_speed", {"speed": speed}))
 
     def _show_moment(self) -> None:
         self._branch.set_visible(visible=self._past.looked is not None)

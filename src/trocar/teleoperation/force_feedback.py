@@ -34,8 +34,7 @@ ARCHITECTURES: tuple[str, ...] = get_args(Architecture)
 FORCE_SOURCES: tuple[str, ...] = get_args(ForceSource)
 #: Largest scale and delay. Source: our own choice: a surgeon's hand, a link by satellite. [1, s]
 MOST_SCALE, MOST_DELAY_S = 10.0, 2.0
-#: Largest force on the hand. Source: our own choice, about half of what the motors of an MTM's
-#: shoulder exert at the handle. [N]
+#: Largest force on the hand. Source: our own choice. [N]
 MOST_N = 8.0
 #: Spring and damper between handle and instrument, at the handle. Source: our own choice, as stiff
 #: and damped as a hand that holds it, Tsuji et al., Biological Cybernetics 72, 1995.

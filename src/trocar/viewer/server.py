@@ -302,13 +302,13 @@ def serving(
     """
     networked = not is_loopback(host)
     host = LOOPBACK if host == "localhost" else host
-    _check_free(host, port)
     access = access or PageAccess(token=secrets.token_urlsafe() if networked or framed else None)
     if networked and access.token is None:
         raise InputError(
             f"the web viewer on host {host!r}: other machines could move the arms; set a token, or "
             f"listen on {LOOPBACK} and forward the port with ssh"
         )
+    _check_free(host, port)
     page = ClientPage(access, sockets, networked=networked, framed=framed)
     with _quiet():
         server = LocalServer(host, port, label, page)

@@ -69,7 +69,7 @@ def drawing() -> list[Figure]:
     threading.Thread(target=serve, daemon=True).start()
     ready.wait()
     over = threading.Event()
-    mover = threading.Thread(target=_move, args=(loop, over))
+    mover = threading.Thread(target=move_psms, args=(loop, over))
     mover.start()
     try:
         return _measure(found[0], url[0], loop)
@@ -128,7 +128,7 @@ def _browser(profile: str) -> Any:
     return tab
 
 
-def _move(loop: Loop, over: threading.Event) -> None:
+def move_psms(loop: Loop, over: threading.Event) -> None:
     """Swing the PSMs, which start slowly."""
     arms, began = loop.latest.arms, time.monotonic()
     while not over.wait(0.02):

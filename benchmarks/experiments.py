@@ -40,6 +40,11 @@ EXPERIMENTS = (
         "benchmarks.drawing:drawing",
     ),
     Experiment(
+        "viewer",
+        "the page of the cart with two viewers, looking back, and a dragged tip (2 minutes)",
+        "benchmarks.viewer:viewer",
+    ),
+    Experiment(
         "laws", "momentum, friction, soft pads and elastic bands of props", "benchmarks.laws:laws"
     ),
     Experiment(

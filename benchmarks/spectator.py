@@ -1,20 +1,32 @@
 """Somebody who looks at the page as a browser does, and draws nothing: for measurements.
 
 python benchmarks/spectator.py http://127.0.0.1:8080
+python benchmarks/spectator.py http://127.0.0.1:8080 8 20: print updates a second of the scene
+over 20 s, after 8 s
 """
 
 from __future__ import annotations
 
 import sys
+import time
 
 import msgspec
 import viser
+import zstandard
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
 
-def look(url: str) -> None:
-    """Say where the page's camera stands, as a browser does, and take all that is sent."""
+def look(url: str, settle_s: float = 0.0, count_s: float = float("inf")) -> float:
+    """Say where the page's camera stands, as a browser does, and take all that is sent.
+
+    Args:
+        url: of the page
+        settle_s, count_s: time before updates of the scene are counted, and over which they are [s]
+
+    Returns:
+        batches of messages a second that move bodies
+    """
     camera = {
         "type": "ViewerCameraMessage",
         "wxyz": (1.0, 0.0, 0.0, 0.0),
@@ -36,9 +48,21 @@ def look(url: str) -> None:
         ping_interval=None,  # browsers send none
     ) as page:
         page.send(msgspec.msgpack.encode(camera))
-        for _ in page:
-            pass
+        began, count = time.monotonic() + settle_s, 0
+        for batch in page:
+            now = time.monotonic()
+            if now > began + count_s:
+                break
+            count += now > began and b"SetPositionMessage" in _messages(batch)
+    return count / count_s
+
+
+def _messages(batch: str | bytes) -> bytes:
+    """Return the packed messages of a batch: its lengths, zstd, buffers."""
+    assert isinstance(batch, bytes)  # noqa: S101
+    size = int.from_bytes(batch[8:16], "little")
+    return zstandard.ZstdDecompressor().decompress(batch[16 : 16 + size])
 
 
 if __name__ == "__main__":
-    look(sys.argv[1])
+    print(look(sys.argv[1], *map(float, sys.argv[2:])))

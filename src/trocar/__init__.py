@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from trocar.rendering import Endoscope as Endoscope
     from trocar.simulation import Batch as Batch
     from trocar.simulation import World as World
+    from trocar.viewer import show as show
 
 __version__ = "0.1.0"
 __all__ = [
@@ -32,6 +33,7 @@ __all__ = [
     "load_scene",
     "make",
     "record",
+    "show",
 ]
 
 #: Module and name of each.
@@ -45,6 +47,7 @@ _HOMES = {
     "load_scene": ("trocar.descriptions.catalogue", "load_scene"),
     "make": ("trocar.learning.task_env", "make"),
     "record": ("trocar.recording", "record"),
+    "show": ("trocar.viewer", "show"),
 }
 
 

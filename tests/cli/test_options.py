@@ -197,7 +197,7 @@ def test_every_command_is_walked_through() -> None:
     ("words", "option", "allowed"),
     [
         ("sim --rig psm --no-page --websocket-port 0 --port 1", "--port", "without --no-page"),
-        ("sim --rig psm --no-websocket --port 0 --host 127.0.0.1", "--host", "without --no-web"),
+        ("sim --rig psm --no-websocket --port 0 --websocket-port 1", "--websocket-port", "without"),
         ("sim --rig psm --no-websocket --port 0 --rate 10", "--rate", "with a client"),
         ("sim --rig psm --port 0 --foxglove-port 1", "--foxglove-port", "with --foxglove"),
         ("sim --rig two_psm_ecm --no-cameras --port 0 --jpeg 5", "--jpeg", "with cameras"),

@@ -307,3 +307,88 @@ def test_a_socket_that_no_policy_can_name_is_refused() -> None:
         serving("127.0.0.1", 0, "test", sockets=["ws://[::1]:9090"]),
     ):
         pass
+
+
+# ---------------------------------------------------------------------- other machines
+
+
+LAB = "lab.example:8080"
+
+
+@pytest.fixture(scope="module")
+def networked() -> Iterator[LocalServer]:
+    sockets = ["ws://127.0.0.1:9090"]
+    with serving("0.0.0.0", 0, "test", PageAccess(token=TOKEN), sockets) as found:
+        yield found
+
+
+def watch_query(server: LocalServer) -> str:
+    return server.page.access.watch_address.partition("?")[2]
+
+
+@pytest.mark.parametrize("host", ["localhost:80", "192.0.2.7:8080", LAB, "evil.example"])
+@pytest.mark.parametrize("path", ["/", "/?token=", "/?token=wrong", "/?websocket=ws://x"])
+def test_no_name_leads_to_the_page_without_the_token(
+    networked: LocalServer, host: str, path: str
+) -> None:
+    answer = get(networked, path, host)
+    assert answer.status == 401
+    assert "token=" not in answer.text.replace("?token=...", "")  # type: ignore[attr-defined]
+    for query in ("", "token=wrong"):
+        for origin in (None, f"http://{host}"):
+            with pytest.raises(InvalidStatus) as caught:
+                open_socket(networked, origin, query, host)
+            assert caught.value.response.status_code in (401, 403)
+
+
+def test_a_token_in_a_cookie_opens_nothing(networked: LocalServer) -> None:
+    # A site whose name is made to lead here has its own cookies with every request.
+    secret = watch_query(networked).partition("=")[2]
+    asking = http.client.HTTPConnection("127.0.0.1", networked.get_port(), timeout=20)
+    cookie = f"token={TOKEN}; secret={secret}"
+    asking.request("GET", "/", headers={"Host": "evil.example", "Cookie": cookie})
+    assert asking.getresponse().status == 401
+
+
+def test_who_has_the_address_for_others_gets_a_page_that_watches(networked: LocalServer) -> None:
+    watching = watch_query(networked)
+    answer = get(networked, f"/?{watching}", LAB)
+    text = answer.text  # type: ignore[attr-defined]
+    console = entrance(networked).partition("?")[2]
+    assert answer.status == 200 and watching in text
+    assert console not in text and TOKEN not in text
+    policy = answer.getheader("Content-Security-Policy") or ""
+    assert "connect-src 'self' data: blob:;" in policy
+    with closing(open_socket(networked, f"http://{LAB}", watching, LAB)) as page:
+        assert page.recv(timeout=20)
+    for origin in ("http://evil.example", "http://lab.example", f"https://{LAB}"):
+        with pytest.raises(InvalidStatus) as caught:
+            open_socket(networked, origin, watching, LAB)
+        assert caught.value.response.status_code == 403
+
+
+def test_the_secret_of_those_who_watch_opens_no_other_server(networked: LocalServer) -> None:
+    access, path = networked.page.access, f"/?{watch_query(networked)}"
+    assert access.objection(path, {}, set()) is not None
+    assert access.objection(path, {}, set(), watching=True) is None
+
+
+@pytest.mark.parametrize(("here", "drives"), [(True, True), (False, False)])
+def test_the_token_lets_a_browser_of_this_machine_drive_and_others_watch(
+    networked: LocalServer, here: bool, drives: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("trocar.viewer.server._from_here", lambda _: here)
+    text = get(networked, f"/?token={TOKEN}").text  # type: ignore[attr-defined]
+    assert (entrance(networked).partition("?")[2] in text) is drives
+    console = get(networked, entrance(networked).removeprefix(address(networked)), LAB)
+    assert entrance(networked).partition("?")[2] in console.text  # type: ignore[attr-defined]
+
+
+def test_a_frame_is_for_pages_of_this_machine_and_needs_a_secret() -> None:
+    with serving("127.0.0.1", 0, "test", framed=True) as server:
+        answer = get(server, entrance(server).removeprefix(address(server)))
+        assert answer.status == 200 and answer.getheader("X-Frame-Options") is None
+        policy = answer.getheader("Content-Security-Policy") or ""
+        assert "frame-ancestors http://localhost:* http://127.0.0.1:*" in policy
+        assert get(server).status == 401
+        assert get(server, host="evil.example").status == 403

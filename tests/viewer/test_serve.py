@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 import threading
+import urllib.error
 import urllib.request
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ import trocar
 from tests.live.fake_world import FakeWorld
 from trocar.errors import DivergedError, InputError
 from trocar.live import Loop
+from trocar.live.access import PageAccess
 from trocar.viewer import serve
 from trocar.viewer.desk import SILENT_S
 from trocar.viewer.page import Page
@@ -72,10 +74,30 @@ def test_a_port_that_does_not_exist_is_refused(port: int) -> None:
         serve(fake(), port=port)
 
 
-@pytest.mark.parametrize("host", ["0.0.0.0", "192.168.1.5", "example.org", ""])
-def test_only_this_machine_is_served(host: str) -> None:
-    with pytest.raises(InputError, match=r"no password.*allowed: 127\.0\.0\.1"):
-        serve(fake(), host=host)
+@pytest.mark.parametrize("host", ["198.51.100.5", "no.such.name.invalid", ""])
+def test_an_address_of_another_machine_is_one_clear_error(host: str) -> None:
+    with pytest.raises(InputError, match=rf"--host: got '{host}'; allowed: an address of this"):
+        serve(fake(), host=host, access=PageAccess(token="0123456789abcdef"))
+
+
+def test_other_machines_are_served_with_a_token_only() -> None:
+    with pytest.raises(InputError, match=r"0\.0\.0\.0.*set a token"):
+        serve(fake(), host="0.0.0.0", access=PageAccess())
+
+
+def test_beyond_this_machine_the_address_has_a_secret_that_nobody_gave() -> None:
+    pages: list[str] = []
+
+    def look(url: str) -> None:
+        for page in (url, url.partition("?")[0]):
+            try:
+                with urllib.request.urlopen(page, timeout=10) as answer:
+                    pages.append(answer.read().decode())
+            except urllib.error.HTTPError as refused:
+                pages.append(str(refused.code))
+
+    serve(fake(), host="0.0.0.0", port=0, speed="max", duration_s=5.0, on_ready=look)
+    assert "<html" in pages[0].lower() and pages[1] == "401"
 
 
 def test_localhost_means_the_loopback_address() -> None:

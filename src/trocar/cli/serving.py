@@ -9,6 +9,7 @@ from __future__ import annotations
 import gc
 import os
 import re
+import secrets
 import sys
 from argparse import SUPPRESS, ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Sequence
@@ -109,9 +110,9 @@ def _allow_served(args: Namespace, shared: bool) -> None:
     if args.no_page:
         allow(args, "without --no-page", "port")
     if args.no_websocket:
-        allow(args, "without --no-websocket", "websocket_port", "host")
+        allow(args, "without --no-websocket", "websocket_port")
     if args.no_page and args.no_websocket:
-        allow(args, "with the web viewer or the WebSocket", "origin", "token")
+        allow(args, "with the web viewer or the WebSocket", "origin", "token", "host")
     if args.foxglove_record is None and not args.foxglove:
         allow(args, "with --foxglove", "foxglove_port")
     if not shared:
@@ -148,11 +149,10 @@ def serve(
         DivergedError: the simulation diverged
     """
     from trocar.live import Loop
-    from trocar.live.access import PageAccess, announced
+    from trocar.live.access import announced
     from trocar.live.loop import SERVER_TICK_S
 
-    token = os.environ.get("TROCAR_TOKEN") or None if args.token is None else args.token
-    access = PageAccess(args.origin, token)
+    access = args.access = getattr(args, "access", None) or _access(args)
     transports = _transports(args, access)
     if args.no_page and not transports:
         raise InputError(
@@ -187,6 +187,8 @@ def serve(
             found |= {t.name: url for t in transports if (url := getattr(t, "viewer_address", ""))}
             path = stack.enter_context(announced(found))
             others.append(f"{path}  (addresses with the secret of this run)")
+        if access.watch_address:
+            others.insert(0, f"{access.watch_address}  (other machines: watch, request control)")
         print(f"{first}  (Ctrl-C stops)", *others, sep="\n", flush=True)
 
     with ExitStack() as stack:
@@ -236,6 +238,7 @@ def serve(
         socket = next(filter(None, addresses), None)
         chosen = serve_page(
             world,
+            host=args.host,
             port=args.port,
             duration_s=args.duration,
             on_ready=greet,
@@ -249,6 +252,16 @@ def serve(
         )
         loop.wait()
         return chosen
+
+
+def _access(args: Namespace) -> PageAccess:
+    """Return the access of a run; beyond the loopback address the web viewer has a random token."""
+    from trocar.live.access import PageAccess, is_loopback
+
+    token = os.environ.get("TROCAR_TOKEN") or None if args.token is None else args.token
+    if token is None and not args.no_page and not is_loopback(args.host):
+        token = secrets.token_urlsafe()
+    return PageAccess(args.origin, token)
 
 
 def serve_chosen(chosen: Choice | None, args: Namespace) -> None:

@@ -11,6 +11,8 @@ with --origin need no secret.
 
 With --token, programs, named pages and browsers that open the web viewer show the token or the
 secret. The secret stands in a file that only the user can read, for programs of the same user.
+
+A second secret opens the web viewer and nothing else: other machines watch with it.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ import ipaddress
 import json
 import os
 import secrets
+import socket
 from collections.abc import Collection, Generator, Iterable, Mapping
 from http import HTTPStatus
 from pathlib import Path
@@ -32,6 +35,8 @@ from trocar.errors import InputError, TrocarError
 DEFAULT_PORTS = {"http": 80, "https": 443}
 #: Fewest characters of a token. Source: our own choice; 16 of base64 are 96 bits.
 SHORTEST_TOKEN = 16
+#: An address that is on no network of this machine, by family. Source: RFC 5737, RFC 3849.
+ANYWHERE = {"0.0.0.0": ("192.0.2.1", 9), "::": ("2001:db8::1", 9)}
 
 
 class PageAccess:
@@ -44,7 +49,9 @@ class PageAccess:
     Attributes:
         token: as given
         query: what the web viewer's page adds to the address of a socket: its secret
+        watch_query: of the secret that opens the web viewer alone, to watch
         viewer: origins of the web viewer; empty until it is served
+        watch_address: of the web viewer for other machines; "" where they cannot reach it
 
     Raises:
         InputError: an origin that no browser sends, or a short token
@@ -57,13 +64,20 @@ class PageAccess:
                 "e.g. python -c 'import secrets; print(secrets.token_urlsafe())'"
             )
         self._named = frozenset(map(checked_origin, origins))
-        self._secret = secrets.token_urlsafe()
+        self._secret, self._watch_secret = secrets.token_urlsafe(), secrets.token_urlsafe()
         self.token = token
         self.query = f"token={self._secret}"
+        self.watch_query = f"token={self._watch_secret}"
         self.viewer: frozenset[str] = frozenset()
+        self.watch_address = ""
 
     def objection(
-        self, path: str, headers: Mapping[str, str], viewer: Collection[str]
+        self,
+        path: str,
+        headers: Mapping[str, str],
+        viewer: Collection[str],
+        *,
+        watching: bool = False,
     ) -> tuple[HTTPStatus, str] | None:
         """Check a request to open a WebSocket; return status and reason of a rejection, or None.
 
@@ -71,24 +85,36 @@ class PageAccess:
             path: what is requested, with its query; `?token=...` shows the token
             headers: of the request; `Authorization: Bearer ...` shows the token, too
             viewer: origins that the web viewer's page has on this socket
+            watching: whether the secret of those who watch is accepted, too
         """
         origin = headers.get("Origin")
         if origin is None or origin in self._named:
-            if self.token is None or self.knows(path, headers):
+            if self.token is None or self.knows(path, headers, watching=watching):
                 return None
             return HTTPStatus.UNAUTHORIZED, "show the token: ?token=... or Authorization: Bearer\n"
         if origin not in viewer:
             refusal = "pages of other origins may not connect; --origin URL lets one of yours in\n"
             return HTTPStatus.FORBIDDEN, refusal
-        if self.knows(path, headers):
+        if self.knows(path, headers, watching=watching):
             return None
         return HTTPStatus.FORBIDDEN, "this page is of an earlier run: reload it\n"
 
-    def knows(self, path: str, headers: Mapping[str, str]) -> bool:
-        """Whether a request shows the token or the secret of this run."""
+    def knows(self, path: str, headers: Mapping[str, str], *, watching: bool = False) -> bool:
+        """Whether a request shows the token or a secret of this run.
+
+        Args:
+            path, headers: of the request
+            watching: whether the secret of those who watch is accepted, too
+        """
         kind, _, bearer = headers.get("Authorization", "").partition("Bearer ")
         shown = bearer.strip() if bearer and not kind else queried(path, "token")
-        return any(same(word, shown) for word in (self._secret, self.token) if word is not None)
+        accepted = [self._secret, *([] if self.token is None else [self.token])]
+        accepted += [self._watch_secret] if watching else []
+        return any(same(word, shown) for word in accepted)
+
+    def is_console(self, query: str) -> bool:
+        """Whether a query is that of the console: of the page that may drive by itself."""
+        return same(self.query, query)
 
 
 @contextlib.contextmanager
@@ -154,6 +180,24 @@ def is_loopback(host: str) -> bool:
         return ipaddress.ip_address(host.strip("[]")).is_loopback
     except ValueError:
         return False
+
+
+def local_host(host: str) -> str:
+    """Return the address at which this machine reaches a server that listens on `host`."""
+    return {"0.0.0.0": "127.0.0.1", "::": "::1", "localhost": "127.0.0.1"}.get(host, host)
+
+
+def network_host(host: str) -> str:
+    """Return the address at which other machines reach a server that listens on `host`."""
+    if host not in ("0.0.0.0", "::"):
+        return host
+    family = socket.AF_INET6 if host == "::" else socket.AF_INET
+    try:
+        with socket.socket(family, socket.SOCK_DGRAM) as probe:
+            probe.connect(ANYWHERE[host])  # sends nothing: it chooses the network's interface
+            return str(probe.getsockname()[0])
+    except OSError:  # no network
+        return socket.gethostname()
 
 
 def names_loopback(authority: str) -> bool:

@@ -2,7 +2,19 @@
 
 from trocar.viewer.driving import Driving, Pedal
 from trocar.viewer.gallery import Card, Choice, Gallery
+from trocar.viewer.notebook import ShownWorld, show
 from trocar.viewer.page import serve
 from trocar.viewer.scoreboard import SceneControls, SceneScore
 
-__all__ = ["Card", "Choice", "Driving", "Gallery", "Pedal", "SceneControls", "SceneScore", "serve"]
+__all__ = [
+    "Card",
+    "Choice",
+    "Driving",
+    "Gallery",
+    "Pedal",
+    "SceneControls",
+    "SceneScore",
+    "ShownWorld",
+    "serve",
+    "show",
+]

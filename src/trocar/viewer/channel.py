@@ -31,12 +31,14 @@ class BrowserReport:
         software: whether it draws without a graphics card
         frames_hz: frames drawn a second while the scene moved; None while it stands still
         drawn: whether the scene is on its screen
+        query: which its page shows to the server's sockets
     """
 
     width: int = 1920
     software: bool = False
     frames_hz: float | None = None
     drawn: bool = False
+    query: str = ""
 
 
 class Channel:
@@ -98,4 +100,5 @@ def _report(found: Mapping[str, Any]) -> BrowserReport | None:
         found.get("software") is True,
         None if frames is None else float(frames),
         found.get("drawn") is True,
+        query if isinstance(query := found.get("query"), str) else "",
     )

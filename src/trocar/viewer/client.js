@@ -177,7 +177,7 @@
     return Boolean(info) && info.render.triangles > 500;
   }
   function report(rate) {
-    send({ width: innerWidth, software, frames: rate, drawn: drawn() });
+    send({ width: innerWidth, software, frames: rate, drawn: drawn(), query });
   }
   function measure() {
     const now = performance.now(), count = frames(), span = (now - window_.at) / 1000;

@@ -96,6 +96,7 @@ class Contents:
         folders: make further parts of the page, in their order
         past: the moment that is shown in place of the present
         waits: returns whether time waits for the first browser
+        is_console: returns whether a browser's page may drive by itself, of its query
     """
 
     rig: str
@@ -117,6 +118,7 @@ class Contents:
     folders: Sequence[Callable[[Desk], Folder]] = ()
     past: LookBack | None = None
     waits: Callable[[], bool] = lambda: False
+    is_console: Callable[[str], bool] = lambda _: True
 
 
 class Desk:
@@ -129,6 +131,7 @@ class Desk:
         browser: has widgets and a scene of its own
         who: its number
         contents: to show
+        console: whether it may drive by itself; otherwise its report decides
 
     Attributes:
         browser: as given
@@ -140,11 +143,16 @@ class Desk:
     """
 
     def __init__(
-        self, browser: viser.ClientHandle | viser.ViserServer, who: int, contents: Contents
+        self,
+        browser: viser.ClientHandle | viser.ViserServer,
+        who: int,
+        contents: Contents,
+        *,
+        console: bool = True,
     ) -> None:
         self.browser, self._who, self._contents = browser, who, contents
         self._began_s = time.monotonic()
-        self._layout = ""
+        self._layout, self._console = "", console
         self._refreshes = 0
         self.seen = False
         self.panel: Panel | None = None
@@ -182,6 +190,7 @@ class Desk:
             self.folders = [make(self) for make in all_.folders]
             self._folder_show()
             self._window(panel_width, docked=wide)
+            self._show_controls(all_.loop.state)  # greys out what this browser may not use
         elif all_.driving is not None and all_.driving.tables:
             self._window(panel_width, docked=False)
         if all_.pictures is not None:
@@ -239,7 +248,8 @@ class Desk:
         for title in titles:
             with window.add_tab(title):
                 if driving is not None and title == driving.title:
-                    self._hands = DrivingTab(self.browser, driving, all_.nonce)
+                    nonce = all_.nonce if self._console else ""
+                    self._hands = DrivingTab(self.browser, driving, nonce, lambda: self.seat)
                 elif self.panel is not None:
                     self.tables = StatusTables(gui, all_.notices)
                     self.tables.note = all_.note
@@ -357,9 +367,9 @@ class Desk:
 
     def _show_seat(self, seat: Buttons, seats: Seats) -> None:
         """Show who drives, where several browsers are open."""
-        seat.set_visible(visible=seats.count > 1)
+        seat.set_visible(visible=seats.shown)
         drives = seats.driver == self._who
-        if drives and seats.asking is not None:
+        if seats.answers(self._who):
             seat.show((GIVE, KEEP))
         elif drives:
             seat.show(("this browser drives",), disabled=True)
@@ -387,11 +397,13 @@ class Desk:
             chips.append("<b>paused</b>")
         else:
             chips.append(f"{state.real_time_factor:.2f} x real time")
-        if all_.seats.count > 1:
+        if all_.seats.shown:
             who = all_.seats.number(all_.seats.driver)
-            me = all_.seats.number(self._who)
-            chips.append("you drive" if who == me else f"browser {who} drives, you watch")
-            if all_.seats.asking is not None and who == me:
+            if all_.seats.driver == self._who:
+                chips.append("you drive")
+            else:
+                chips.append(f"browser {who} drives, you watch" if who else "you watch")
+            if all_.seats.answers(self._who):
                 number = all_.seats.number(all_.seats.asking)
                 chips.append(f"<b>browser {number} requests control</b>")
         frames = self.drawing.frames_hz
@@ -404,6 +416,9 @@ class Desk:
     # ------------------------------------------------------------------ from the browser
 
     def _report(self, report: BrowserReport) -> None:
+        if not self._console and self._contents.is_console(report.query):
+            self._console = True
+            self._contents.seats.admit(self._who)
         self.drawing.follow(report)
         self.build(report.width)
         self.seen = self.seen or report.drawn
@@ -420,5 +435,5 @@ class Desk:
         seats = self._contents.seats
         if name == REQUEST:
             seats.request(self._who)
-        elif seats.driver == self._who:
+        elif seats.answers(self._who):
             seats.answer(granted=name == GIVE)

@@ -81,18 +81,23 @@ class DrivingTab:
     Args:
         browser: has the widgets, of which the tab is the container that is open, and the scene
         driving: the controls
-        nonce: of the scripts that may run
+        nonce: of the scripts that may run; "": none that sends keys
+        blocked: returns the reason that keeps this browser from driving; "" for none
     """
 
     def __init__(
-        self, browser: viser.ClientHandle | viser.ViserServer, driving: Driving, nonce: str
+        self,
+        browser: viser.ClientHandle | viser.ViserServer,
+        driving: Driving,
+        nonce: str,
+        blocked: Callable[[], str] = lambda: "",
     ) -> None:
-        self._driving = driving
+        self._driving, self._blocked = driving, blocked
         self._refreshes, self._status = 0, ""
         gui = browser.gui
         self._text = gui.add_html("")
-        self._pedals = [(pedal, _pedal(gui, pedal)) for pedal in driving.pedals]
-        gui.add_html(_frame(driving, nonce) if driving.websocket else _tables(driving))
+        self._pedals = [(pedal, self._pedal(gui, pedal)) for pedal in driving.pedals]
+        gui.add_html(_frame(driving, nonce) if driving.websocket and nonce else _tables(driving))
         self._dragged: set[str] = set()
         self._handles = {name: self._handle(browser.scene, name) for name in driving.handles}
 
@@ -105,6 +110,8 @@ class DrivingTab:
                 self._text.content = f'<div style="padding-bottom:6px">{status}</div>'
             for pedal, setting in self._pedals:
                 setting.show(pedal.pressed())
+                if setting.handle.disabled != bool(self._blocked()):
+                    setting.handle.disabled = bool(self._blocked())
         self._refreshes += 1
         for name, node in self._handles.items():
             if name in tips and name not in self._dragged:
@@ -122,10 +129,10 @@ class DrivingTab:
 
         @node.on_update
         async def _(event: Any) -> None:
-            if event.phase == "end":
-                self._dragged.discard(name)
-                if self._driving.let_go is not None:
+            if event.phase == "end" or self._blocked():
+                if name in self._dragged and self._driving.let_go is not None:
                     self._driving.let_go(name)
+                self._dragged.discard(name)
                 return
             self._dragged.add(name)
             if event.phase == "update" and self._driving.carry is not None:
@@ -134,23 +141,23 @@ class DrivingTab:
 
         return node
 
+    def _pedal(self, gui: viser.GuiApi, pedal: Pedal) -> Setting[bool]:
+        """Add a pedal's box, and its key, which presses and releases in turn."""
+        key: Any = pedal.key or None
+        label = f"{pedal.label} ({key})" if key else pedal.label
+        box = gui.add_checkbox(label, pedal.pressed(), disabled=bool(self._blocked()))
+        setting = Setting[bool](box, pedal.press)
+        command = gui.add_command(f"Pedal: {pedal.label}", hotkey=key)
 
-def _pedal(gui: viser.GuiApi, pedal: Pedal) -> Setting[bool]:
-    """Add a pedal's box, and its key, which presses and releases in turn."""
-    key: Any = pedal.key or None
-    setting = Setting[bool](
-        gui.add_checkbox(f"{pedal.label} ({key})" if key else pedal.label, pedal.pressed()),
-        pedal.press,
-    )
-    command = gui.add_command(f"Pedal: {pedal.label}", hotkey=key)
+        @command.on_trigger
+        async def _(_: Any) -> None:
+            if self._blocked():
+                return
+            on = not setting.handle.value
+            setting.handle.value = on
+            setting.touch(on)
 
-    @command.on_trigger
-    async def _(_: Any) -> None:
-        on = not setting.handle.value
-        setting.handle.value = on
-        setting.touch(on)
-
-    return setting
+        return setting
 
 
 def _tables(driving: Driving) -> str:

@@ -138,6 +138,7 @@ class Page:
             folders=folders,
             past=past,
             waits=lambda: self.waits,
+            is_console=server.page.access.is_console,
         )
         server.gui.configure_theme(
             dark_mode=False, show_logo=False, show_share_button=False, brand_color=(28, 110, 164)
@@ -154,8 +155,9 @@ class Page:
 
     def open(self, browser: viser.ClientHandle | viser.ViserServer, who: int = 0) -> Desk:
         """Show everything to a browser."""
-        self._contents.seats.come(who)
-        desk = self.desks[who] = Desk(browser, who, self._contents)
+        console = not self.server.page.networked
+        self._contents.seats.come(who, console=console)
+        desk = self.desks[who] = Desk(browser, who, self._contents, console=console)
         return desk
 
     def leave(self, who: int) -> None:
@@ -262,12 +264,13 @@ def serve(
     scene: SceneControls | None = None,
     gallery: Gallery | None = None,
     start: Literal["viewer", "now"] = "now",
+    framed: bool = False,
 ) -> Choice | None:
     """Run a world and serve the page that shows and drives it, until Ctrl-C or the time is over.
 
     Args:
         world: the world to run; it belongs to this function until it returns
-        host: a loopback address: the page has no password
+        host: address to listen on; browsers of other machines need a token, and watch
         port: port to listen on; 0 takes any free one
         speed: "realtime" keeps to the wall clock, "max" runs as fast as it goes
         duration_s: simulated time to run [s]; None means until Ctrl-C
@@ -277,6 +280,7 @@ def serve(
         note: returns HTML to show above the table of joints, called five times a second
         driving: controls for hands: keys, handles, pedals
         access: which web pages may connect; when omitted, the page itself
+        framed: whether pages of this machine, as notebooks, may show it in a frame
         scene: the scene of the world, with its score and its policy
         gallery: what may be loaded in place of the world; None: nothing
         start: "viewer" keeps time still until a browser has drawn the scene
@@ -291,7 +295,8 @@ def serve(
     sockets: list[str] = []
     if driving is not None and driving.websocket is not None:
         sockets = ["{0.scheme}://{0.netloc}".format(urlsplit(driving.websocket))]
-    with serving(host, port, f"trocar: {world.rig.name}", access, sockets) as server:
+    title = f"trocar: {world.rig.name}"
+    with serving(host, port, title, access, sockets, framed=framed) as server:
         loop = loop or Loop(world, speed=speed)
         timeline = Timeline(world, loop.tick_s)
         loop.watch(timeline)

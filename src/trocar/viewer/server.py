@@ -1,4 +1,4 @@
-"""The web viewer's server: viser behind our own answers to requests, on this machine only.
+"""The web viewer's server: viser behind our own answers to requests.
 
 viser serves its client to every host name, lets every page frame it, and the client connects to any
 address in its own address (`?websocket=`, `?playbackPath=`) and runs the scripts that are sent from
@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import io
 import logging
 import secrets
@@ -36,7 +37,14 @@ from websockets.exceptions import WebSocketException
 from websockets.http11 import Request, Response
 
 from trocar.errors import InputError, TrocarError
-from trocar.live.access import PageAccess, names_loopback, queried
+from trocar.live.access import (
+    PageAccess,
+    is_loopback,
+    local_host,
+    names_loopback,
+    network_host,
+    queried,
+)
 from trocar.live.connections import Connections
 
 T = TypeVar("T")
@@ -49,8 +57,7 @@ HUNG_UP = "opening handshake failed"
 #: Time limit of sending the page, 0.8 MB, through a slow ssh [s]. Source: our own choice.
 PAGE_S = 60.0
 
-LOOPBACK = ("127.0.0.1", "localhost", "::1")
-
+LOOPBACK = "127.0.0.1"
 CLIENT = Path(viser.__file__).parent / "client" / "build" / "index.html"
 #: The start of viser's client, the place where it inserts the script that it has unpacked, and the
 #: title of the browser's tab.
@@ -63,8 +70,12 @@ class ClientPage:
     Args:
         access: which pages may connect to viser's WebSocket
         sockets: addresses, as ws://127.0.0.1:9090, that the page reaches besides its own
+        networked: whether other machines reach the page: then it needs a token, any name may lead
+            here, and who does not show the secret of the run, or the token on this machine, watches
+        framed: whether pages of this machine, as notebooks, may show it in a frame
 
     Attributes:
+        access, networked: as given
         nonce: of the scripts that may run; one for the whole run: none of the page's HTML comes
             from a request
 
@@ -73,25 +84,38 @@ class ClientPage:
         TrocarError: this version of viser has another page
     """
 
-    def __init__(self, access: PageAccess, sockets: Sequence[str] = ()) -> None:
-        self._access = access
+    def __init__(
+        self,
+        access: PageAccess,
+        sockets: Sequence[str] = (),
+        *,
+        networked: bool = False,
+        framed: bool = False,
+    ) -> None:
+        self.access, self.networked = access, networked
         self._connections = Connections("web viewer")
         self.nonce = secrets.token_urlsafe()
-        self._html = self._with_our_script(CLIENT.read_text(encoding="utf-8"))
+        html = CLIENT.read_text(encoding="utf-8")
+        self._console = self._with_our_script(html, access.query)
+        self._watching = self._with_our_script(html, access.watch_query)
         self._headers = {
-            "Content-Security-Policy": _policy(self.nonce, sockets),
-            "X-Frame-Options": "DENY",
+            "Content-Security-Policy": _policy(self.nonce, sockets, framed=framed),
+            **({} if framed else {"X-Frame-Options": "DENY"}),
             "X-Content-Type-Options": "nosniff",
             "Cross-Origin-Opener-Policy": "same-origin",
             "Cross-Origin-Resource-Policy": "same-origin",
             "Referrer-Policy": "no-referrer",
             "Cache-Control": "no-store",
         }
+        self._headers_watching = {
+            **self._headers,
+            "Content-Security-Policy": _policy(self.nonce, (), framed=framed),
+        }
 
     def respond(self, connection: ServerConnection, request: Request) -> Response | None:
         """Answer a request, or return None: it opens viser's WebSocket."""
         host = request.headers.get("Host", "")
-        if not names_loopback(host):
+        if not self.networked and not names_loopback(host):
             return self._text(
                 connection,
                 HTTPStatus.FORBIDDEN,
@@ -99,25 +123,34 @@ class ClientPage:
                 "the port with ssh\n",
             )
         if request.headers.get("Upgrade", "").lower() == "websocket":
-            refusal = self._access.objection(request.path, request.headers, {f"http://{host}"})
+            refusal = self.access.objection(
+                request.path, request.headers, {f"http://{host}"}, watching=True
+            )
             if refusal is None:
                 return self._connections.admit(connection)
             return self._text(connection, *refusal)
         path, _, query = request.path.partition("?")
         if path not in ("/", "/index.html"):
             return self._text(connection, HTTPStatus.NOT_FOUND, "there is only /\n")
-        ours = ""
-        if self._access.token is not None:
-            if not self._access.knows(request.path, request.headers):
+        ours, console = "", True
+        if self.access.token is not None:
+            if not self.access.knows(request.path, request.headers, watching=True):
                 told = "open the address that trocar printed, with its ?token=...\n"
                 return self._text(connection, HTTPStatus.UNAUTHORIZED, told)
             ours = urlencode({"token": shown}) if (shown := queried(request.path, "token")) else ""
+            console = self.access.is_console(ours) or (
+                self.access.knows(request.path, request.headers)
+                and (not self.networked or _from_here(connection))
+            )
         if query != ours:
             text = "the page takes no parameters but the token\n"
             response = self._text(connection, HTTPStatus.FOUND, text)
             response.headers["Location"] = f"/?{ours}" if ours else "/"
             return response
-        response = self._text(connection, HTTPStatus.OK, self._html)
+        html = self._console if console else self._watching
+        response = self._text(connection, HTTPStatus.OK, html)
+        if not console:
+            response.headers.update(self._headers_watching)
         del response.headers["Content-Type"]
         response.headers["Content-Type"] = "text/html; charset=utf-8"
         return response
@@ -131,25 +164,31 @@ class ClientPage:
     @property
     def entrance(self) -> str:
         """Path and query of the page's address, with the token if there is one."""
-        return "" if self._access.token is None else f"/?{self._access.query}"
+        return "" if self.access.token is None else f"/?{self.access.query}"
 
     def _text(self, connection: ServerConnection, status: HTTPStatus, text: str) -> Response:
         response = connection.respond(status, text)
         response.headers.update(self._headers)
         return response
 
-    def _with_our_script(self, html: str) -> str:
+    def _with_our_script(self, html: str, query: str) -> str:
         if any(html.count(part) != 1 for part in (UNPACKER, UNPACKED, TITLE)):
             raise TrocarError(f"viser {viser.__version__}: unsupported web client; allowed: 1.1")
         html = html.replace(TITLE, "<title>trocar</title>")
         ours = files("trocar.viewer").joinpath("client.js").read_text(encoding="utf-8")
-        ours = ours.replace("{{QUERY}}", self._access.query)
+        ours = ours.replace("{{QUERY}}", query)
         begin = f'<script nonce="{self.nonce}"'
         html = html.replace(UNPACKER, f"{begin}>\n{ours}</script>\n{begin}{UNPACKER[7:]}")
         return html.replace(UNPACKED, f'e.nonce="{self.nonce}";{UNPACKED}')
 
 
-def _policy(nonce: str, sockets: Sequence[str]) -> str:
+def _from_here(connection: ServerConnection) -> bool:
+    """Whether a browser runs on this machine, or is forwarded to it with ssh."""
+    peer, own = connection.remote_address, connection.local_address
+    return bool(peer) and (is_loopback(str(peer[0])) or (bool(own) and peer[0] == own[0]))
+
+
+def _policy(nonce: str, sockets: Sequence[str], *, framed: bool) -> str:
     """Return the Content-Security-Policy of the page and of the frame inside it.
 
     Raises:
@@ -178,7 +217,7 @@ def _policy(nonce: str, sockets: Sequence[str]) -> str:
         "style-src": "'unsafe-inline'",
         "base-uri": "'none'",
         "form-action": "'none'",
-        "frame-ancestors": "'none'",
+        "frame-ancestors": "http://localhost:* http://127.0.0.1:*" if framed else "'none'",
     }
     return "; ".join(f"{name} {sources}" for name, sources in directives.items())
 
@@ -243,23 +282,34 @@ def serving(
     label: str,
     access: PageAccess | None = None,
     sockets: Sequence[str] = (),
+    *,
+    framed: bool = False,
 ) -> Generator[LocalServer]:
     """Serve while the `with` block lasts.
 
     Args:
-        host: a loopback address; the page lets everybody drive, so no other is accepted
+        host: address to listen on; beyond the loopback address, the access has a token
         port: port to listen on; 0 takes any free one
         label: title of the page's control panel
-        access: which web pages may connect; when omitted, the page itself
+        access: which web pages may connect; when omitted, the page itself, with a token beyond the
+            loopback address or in a frame
         sockets: addresses, as ws://127.0.0.1:9090, that the page reaches besides its own
+        framed: whether pages of this machine, as notebooks, may show it in a frame
 
     Raises:
-        InputError: the host is not this machine's loopback, or the port is taken or forbidden
+        InputError: the host is not an address of this machine, or reaches beyond it without a
+            token, or the port is taken or forbidden
     """
-    host = _checked_host(host)
+    networked = not is_loopback(host)
+    host = LOOPBACK if host == "localhost" else host
+    access = access or PageAccess(token=secrets.token_urlsafe() if networked or framed else None)
+    if networked and access.token is None:
+        raise InputError(
+            f"the web viewer on host {host!r}: other machines could move the arms; set a token, or "
+            f"listen on {LOOPBACK} and forward the port with ssh"
+        )
     _check_free(host, port)
-    access = access or PageAccess()
-    page = ClientPage(access, sockets)
+    page = ClientPage(access, sockets, networked=networked, framed=framed)
     with _quiet():
         server = LocalServer(host, port, label, page)
     _handshakes.addFilter(_is_defect)
@@ -267,6 +317,9 @@ def serving(
         if port not in (0, server.get_port()):  # taken in between: viser went on to the next
             raise _taken(host, port)
         access.viewer = frozenset((address(server), f"http://localhost:{server.get_port()}"))
+        if networked:
+            there = _url(network_host(host), server.get_port())
+            access.watch_address = f"{there}/?{access.watch_query}"
         yield server
     finally:
         with _quiet():
@@ -275,23 +328,17 @@ def serving(
 
 
 def address(server: LocalServer) -> str:
-    """Return the page's address."""
-    host = server.get_host()
-    return f"http://{f'[{host}]' if ':' in host else host}:{server.get_port()}"
+    """Return the page's address on this machine."""
+    return _url(local_host(server.get_host()), server.get_port())
+
+
+def _url(host: str, port: int) -> str:
+    return f"http://{f'[{host}]' if ':' in host else host}:{port}"
 
 
 def entrance(server: LocalServer) -> str:
     """Return the address to open, with the secret of the run where there is a token."""
     return address(server) + server.page.entrance
-
-
-def _checked_host(host: str) -> str:
-    if host not in LOOPBACK:
-        raise InputError(
-            f"the web viewer has no password, so it is local only: got host {host!r}; "
-            f"allowed: {', '.join(LOOPBACK)}; from another machine, forward the port with ssh"
-        )
-    return LOOPBACK[0] if host == "localhost" else host
 
 
 def _is_defect(record: logging.LogRecord) -> bool:
@@ -311,6 +358,8 @@ def _quiet() -> Generator[None]:
 def _check_free(host: str, port: int) -> None:
     if not 0 <= port <= 65535:
         raise InputError(f"got port {port}; allowed: 1 to 65535, or 0 for any free port")
+    if not host:
+        raise _no_host(host)
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     with socket.socket(family, socket.SOCK_STREAM) as probe:
         if sys.platform != "win32":  # a port that was just closed is free; Windows would share it
@@ -320,7 +369,15 @@ def _check_free(host: str, port: int) -> None:
         except PermissionError as error:
             raise InputError(f"port {port} on {host} requires administrator rights") from error
         except OSError as error:
-            raise _taken(host, port) from error
+            if error.errno == errno.EADDRINUSE:
+                raise _taken(host, port) from error
+            raise _no_host(host) from error
+
+
+def _no_host(host: str) -> InputError:
+    return InputError(
+        f"--host: got {host!r}; allowed: an address of this machine, or 0.0.0.0 for all of them"
+    )
 
 
 def _taken(host: str, port: int) -> InputError:
@@ -341,12 +398,13 @@ def run_there(server: viser.ViserServer, work: Callable[[], T]) -> T:
 def when_touched(handle: viser.GuiInputHandle[Any], act: Callable[[Any], object]) -> None:
     """Call `act(value)` in viser's thread when a person changes an input.
 
-    When the page itself changes it nothing is called.
+    When the page itself changes it nothing is called, nor when it is greyed out: a browser can
+    send what its page does not offer.
     """
 
     @handle.on_update
     async def _(event: viser.GuiEvent[Any]) -> None:
-        if event.client_id is not None:
+        if event.client_id is not None and not handle.disabled:
             act(event.target.value)
 
 

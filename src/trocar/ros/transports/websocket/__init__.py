@@ -18,8 +18,9 @@ ORDER = 10
 OPTIONS = """
 --no-websocket                 do not serve the rosbridge WebSocket
 --websocket-port N:int = 9090  WebSocket port (default: 9090, 0 = any free port)
---host HOST = 127.0.0.1        WebSocket address (default: 127.0.0.1); other addresses require
-                               --token
+--host HOST = 127.0.0.1        address of the web viewer and the WebSocket (default: 127.0.0.1);
+                               0.0.0.0: other machines watch, and drive if the viewer here or
+                               --token lets them
 --token TOKEN                  token required by the WebSocket and the web viewer (default:
                                $TROCAR_TOKEN)
 """

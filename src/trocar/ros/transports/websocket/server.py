@@ -27,7 +27,7 @@ from websockets.http11 import Response
 from websockets.protocol import State
 
 from trocar.errors import InputError, TrocarError
-from trocar.live.access import PageAccess, is_loopback, names_loopback
+from trocar.live.access import PageAccess, is_loopback, local_host, names_loopback
 from trocar.live.connections import Connection, Connections
 from trocar.live.pace import LOG_PERIOD_S
 from trocar.messages import MessageError, MessageType, from_json, service_type, to_json
@@ -586,7 +586,9 @@ class WebSocketTransport:
     @property
     def viewer_address(self) -> str:
         """The address with the secret that the web viewer shows."""
-        return f"{self.address}/?{self._access.pages.query}"
+        host = local_host(self._access.host)
+        where = f"ws://{f'[{host}]' if ':' in host else host}:{self.port}"
+        return f"{where}/?{self._access.pages.query}"
 
     @property
     def greeting(self) -> str:

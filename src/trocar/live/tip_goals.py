@@ -30,6 +30,10 @@ set-points jerk the tip by 1.28 m/s^2 RMS, interpolated to 200 Hz by 0.30."""
 SPEED_M_S, TURN_RAD_S = 0.1, 1.5
 """Largest speed of the tip on its way. Source: our own choice, a brisk hand's."""
 
+GAP_S = 0.1
+"""Longest time over which the way to a goal is spread [s]: that between it and the goal before, so
+that a mouse at 30 Hz moves the tip evenly. Source: our own choice."""
+
 LEAD_M = 0.03
 """Set-points wait where the tip is so far behind, as on a table [m]. Source: our own choice: below
 the PSM's tracking tolerance in insertion, 50 mm; with the dVRK's gains, a tip at rest stands up to
@@ -55,6 +59,7 @@ class TipGoals:
         self._every = max(1, round(PERIOD_S / loop.tick_s))
         self._goals: dict[str, Array] = {}
         self._way: dict[str, Array] = {}
+        self._paced: dict[str, tuple[Array, float, float]] = {}
         self._lock = threading.Lock()
         self._due_s = 0.0
         self.missed: Mapping[str, str] = {}
@@ -81,7 +86,8 @@ class TipGoals:
             return
         self._due_s = elapsed.simulated_s + PERIOD_S
         for arm, goal in goals.items():
-            self._advance(arm, self._loop.world.arm(arm), goal)
+            left = self._left(arm, goal, elapsed.simulated_s)
+            self._advance(arm, self._loop.world.arm(arm), goal, left)
 
     def patience(self) -> int:
         """Return after how many ticks to be called again."""
@@ -90,7 +96,15 @@ class TipGoals:
     def refused(self, command: Command, reason: str) -> None:
         """Ignore rejected commands: `missed` has the reason."""
 
-    def _advance(self, name: str, arm: Arm, goal: Array) -> None:
+    def _left(self, name: str, goal: Array, now_s: float) -> float:
+        """Return the time over which the rest of the way is spread [s]."""
+        last, came_s, due_s = self._paced.get(name, (None, -np.inf, 0.0))
+        if last is not goal:
+            due_s = now_s + min(now_s - came_s, GAP_S)
+            self._paced[name] = goal, now_s, due_s
+        return due_s - now_s
+
+    def _advance(self, name: str, arm: Arm, goal: Array, left_s: float) -> None:
         """Command the next set-point of an arm; its way ends at the goal, or as near as limits let.
 
         A tip that something holds up waits.
@@ -110,7 +124,12 @@ class TipGoals:
         why = f"something holds the tip up, {1e3 * lead:.0f} mm behind its set-point"
         if lead < LEAD_M:
             why = arm.rejections.last if _apart(held, way) else ""
-            way = step_towards(way, goal, SPEED_M_S * PERIOD_S, TURN_RAD_S * PERIOD_S)
+            metres, radians = SPEED_M_S * PERIOD_S, TURN_RAD_S * PERIOD_S
+            if left_s > PERIOD_S:
+                far, angle = pose_difference(way, goal)
+                metres = min(metres, float(far) * PERIOD_S / left_s)
+                radians = min(radians, float(angle) * PERIOD_S / left_s)
+            way = step_towards(way, goal, metres, radians)
         self._way[name] = way
         self._say(name, why)
         self._loop.post(Command(name, "servo_cp", {"T": way, "frame": "world"}))

@@ -82,11 +82,17 @@ def contact_masks(rig: RigDescription) -> dict[str, ContactMask]:
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A shape that may touch others: its geom, and the name of its body."""
+    """A shape that may touch others: its geom, and the name of its body.
+
+    Attributes:
+        geom, shape, body: as stated
+        ends: of a thread's link: spheres that touch large soft boxes in its place
+    """
 
     geom: mujoco.MjsGeom
     shape: Shape
     body: str
+    ends: tuple[Surface, ...] = ()
 
 
 class Geoms:

@@ -8,6 +8,7 @@ import numpy as np
 from trocar.descriptions.records import Prop
 from trocar.descriptions.threads import ChainThread
 from trocar.modeling import naming
+from trocar.modeling.geoms import COLLISION_GROUP, Surface
 from trocar.modeling.options import STIFF_IMPEDANCE, STOP_STEPS
 
 #: Tension acts on the shape of one step and moves that of the next: waves on the thread grow where
@@ -58,6 +59,39 @@ def add_thread(
         made.mass, made.ipos = mass, [0.5 * link, 0.0, 0.0]
         made.inertia = [inertia] * 3
     return links
+
+
+def link_ends(
+    link: mujoco.MjsBody, surface: Surface, number: int, thread: ChainThread
+) -> tuple[Surface, ...]:
+    """Add spheres on which a thread lies on soft boxes: one for each joint, and one for each end.
+
+    Most of the time of a thread that slides goes into its contacts with friction, of which capsules
+    on a box have two each. The spheres touch nothing unless they have pairs (`props.soften`).
+
+    Args:
+        link: its body
+        surface: of its capsule
+        number: of the link
+        thread: its record
+    """
+    found, own = list[Surface](), surface.geom
+    for k in range(2 if number == thread.links - 1 else 1):
+        ball = link.add_geom(
+            name=naming.scoped(link.name, f"end/{k}"),
+            type=mujoco.mjtGeom.mjGEOM_SPHERE,
+            size=[0.5 * thread.diameter, 0.0, 0.0],
+            pos=[k * thread.link, 0.0, 0.0],
+            mass=0.0,
+            group=COLLISION_GROUP,
+            contype=0,
+            conaffinity=0,
+            friction=own.friction,
+            priority=own.priority,
+            condim=own.condim,
+        )
+        found.append(Surface(ball, surface.shape, surface.body))
+    return tuple(found)
 
 
 def bodies_of(prop: Prop) -> tuple[str, ...]:

@@ -54,7 +54,7 @@ from trocar.modeling.options import (
     ModelOptions,
 )
 from trocar.modeling.props import add_band, add_prop, extend, pair_grips, soften
-from trocar.modeling.threads import add_thread, bodies_of, link_ends
+from trocar.modeling.threads import add_thread, bodies_of, rests_of
 from trocar.modeling.tissues import add_tissue, tissue_bit
 
 Array = NDArray[np.float64]
@@ -298,8 +298,8 @@ class Draft:
                 surface.geom.condim = 3  # too thin to resist rotation
                 surface.geom.solref = [k * step ** (n - 2) for n, k in enumerate(THREAD)]
                 if soft:
-                    ends = link_ends(link, surface, number, thread)
-                    geoms.surfaces[row] = replace(surface, ends=ends)
+                    rests = rests_of(link, surface, number, thread)
+                    geoms.surfaces[row] = replace(surface, rests=rests)
 
     def _set_solver(self) -> None:
         compiler, option = self.spec.compiler, self.spec.option

@@ -86,13 +86,13 @@ class Surface:
 
     Attributes:
         geom, shape, body: as stated
-        ends: of a thread's link: spheres that touch large soft boxes in its place
+        rests: of a thread's link: spheres that touch large soft boxes in its place, if any
     """
 
     geom: mujoco.MjsGeom
     shape: Shape
     body: str
-    ends: tuple[Surface, ...] = ()
+    rests: tuple[Surface, ...] | None = None
 
 
 class Geoms:

@@ -18,6 +18,7 @@ from trocar.geometry.se3 import inverse
 from trocar.modeling import naming
 from trocar.modeling.geoms import Geoms, Surface
 from trocar.modeling.options import STIFF_IMPEDANCE, STOP_STEPS
+from trocar.modeling.threads import LYING
 
 Array = NDArray[np.float64]
 
@@ -157,23 +158,23 @@ def pair_grips(spec: mujoco.MjSpec, pads: Sequence[Surface], held: Sequence[Surf
 def _laid(
     spec: mujoco.MjSpec, meeting: Sequence[tuple[Surface, Surface]], surfaces: Sequence[Surface]
 ) -> list[tuple[Surface, Surface]]:
-    """Replace links of threads by their ends where they meet bodies of large soft boxes.
+    """Replace links of threads by their spheres where they meet bodies of large soft boxes.
 
-    Large: each edge is longer than a link, so a thread that passed through it would have an end of
-    a link in it. The bodies then touch by these pairs alone.
+    Large: two edges are longer than the spheres' distance, so a thread lies on its faces; narrow
+    sides may sink in between spheres. The bodies then touch by these pairs alone.
     """
     edges: dict[str, float] = {}
     for surface in surfaces:
         shape = surface.shape
         flat = shape.kind == "box" and shape.stiffness is not None
-        edge = 2.0 * float(shape.size.min()) if flat else 0.0
+        edge = 2.0 * float(np.median(shape.size)) if flat else 0.0
         edges[surface.body] = min(edge, edges.get(surface.body, np.inf))
     touching: list[tuple[Surface, Surface]] = []
     apart: set[tuple[str, str]] = set()
     for one, two in meeting:
-        link, box = (one, two) if one.ends else (two, one)
-        if link.ends and edges[box.body] > 2.0 * link.shape.size[1]:
-            touching += [(end, box) for end in link.ends]
+        link, box = (one, two) if one.rests is not None else (two, one)
+        if link.rests is not None and edges[box.body] > 2.0 * LYING * link.shape.size[1]:
+            touching += [(rest, box) for rest in link.rests]
             apart.add((link.body, box.body))
         else:
             touching.append((one, two))

@@ -337,3 +337,50 @@ def test_impossible_thread_is_refused(old: str, new: str, words: str) -> None:
     assert old in HELD
     with pytest.raises(DescriptionError, match=words):
         read_props(parse_table(HELD.replace(old, new), "t.toml"), [])
+
+
+@pytest.mark.parametrize("place", ["before", "behind"])
+def test_on_a_large_soft_box_every_second_link_touches_and_friction_is_that_of_its_weight(
+    place: str,
+) -> None:
+    """Coulomb's law: what pulls a thread along a pad slowly is friction times weight."""
+    pad = """
+[[prop]]
+name = "pad"
+xyz_mm = [0, 300, 200]
+shape = [{ kind = "box", center_mm = [0, 0, 0], size_mm = [300, 60, 5], stiffness_n_per_m = 150 }]
+"""
+    thread = HELD.replace("0.05", "0.4") + "mass_kg = 0.0006\nxyz_mm = [-60, 300, 202.62]\n"
+    world = World(rig(pad + thread if place == "before" else thread + pad))
+    data, model, touching = world.mj_data, world.mj_model, set[str]()
+    for _ in range(60):  # until it sleeps
+        world.step(5)
+        bodies = model.geom_bodyid[data.contact.geom].ravel()
+        touching |= {model.body(body).name for body in bodies} - {"pad"}
+    assert touching == {"thread"} | {f"thread/{k}" for k in (2, 4, 6, 8, 10, 12, 14)}
+    points, weight = world.threads["thread"].points(), 0.0006 * GRAVITY
+    assert points[:, 2] == pytest.approx(np.full(16, points[0, 2]), abs=2e-4)
+    for share, moves in ((0.9, False), (1.1, True)):
+        before = world.threads["thread"].points()[0, 0]
+        pull(world, [share * 0.4 * weight, 0.0, 0.0])
+        world.step(200)
+        moved = world.threads["thread"].points()[0, 0] - before
+        assert (moved > 5e-3) == moves
+
+
+def test_a_narrow_soft_box_is_touched_by_whole_links() -> None:
+    """A thread falls across a soft beam that is thinner than the distance of its spheres."""
+    beam = """
+[[prop]]
+name = "beam"
+xyz_mm = [0, 300, 200]
+shape = [{ kind = "box", center_mm = [0, 0, 0], size_mm = [60, 2, 2], stiffness_n_per_m = 150 }]
+"""
+    text = HELD.replace("0.05", "1.0") + "xyz_mm = [0, 270, 202]\nrpy_deg = [0, 0, 90]\n"
+    world = World(rig(beam + text))
+    lowest = np.inf
+    for _ in range(40):
+        world.step(5)
+        points = world.threads["thread"].points()
+        lowest = min(lowest, float(points[:, 2].max()))
+    assert lowest > 0.2005

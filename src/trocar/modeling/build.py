@@ -49,11 +49,12 @@ from trocar.modeling.options import (
     STILL_M_S,
     STOP_STEPS,
     THREAD,
+    THREAD_TOLERANCE,
     TOLERANCE,
     ModelOptions,
 )
 from trocar.modeling.props import add_band, add_prop, extend, pair_grips, soften
-from trocar.modeling.threads import add_thread, bodies_of
+from trocar.modeling.threads import add_thread, bodies_of, rests_of
 from trocar.modeling.tissues import add_tissue, tissue_bit
 
 Array = NDArray[np.float64]
@@ -268,7 +269,7 @@ class Draft:
             for arm in rig.arms:
                 if arm.name not in options.locked:
                     self._add_voltage_limits(arm)
-        self._set_islands(len(rig.objects))
+        self._set_islands(rig.objects)
         if options.servo == "pid" and options.collisions and not options.standalone:
             for prop in rig.props:
                 if prop.tissue is not None:
@@ -287,14 +288,18 @@ class Draft:
         mask = self.masks[OBJECTS]
         if not thread.knots:
             mask = ContactMask(0, mask.conaffinity)
-        step = self._options.timestep
+        step, geoms = self._options.timestep, self._geoms
+        soft = any(s.stiffness is not None for other in self._rig.props for s in other.shapes)
         links = add_thread(body, prop, thread, step)
         for number, link in enumerate(links):
-            before = len(self._geoms.surfaces)
-            self._geoms.add(link, f"{prop.name}/{number}", prop.shapes[0], mask)
-            for surface in self._geoms.surfaces[before:]:
+            before = len(geoms.surfaces)
+            geoms.add(link, f"{prop.name}/{number}", prop.shapes[0], mask)
+            for row, surface in enumerate(geoms.surfaces[before:], start=before):
                 surface.geom.condim = 3  # too thin to resist rotation
                 surface.geom.solref = [k * step ** (n - 2) for n, k in enumerate(THREAD)]
+                if soft:
+                    rests = rests_of(link, surface, number, thread)
+                    geoms.surfaces[row] = replace(surface, rests=rests)
 
     def _set_solver(self) -> None:
         compiler, option = self.spec.compiler, self.spec.option
@@ -311,14 +316,15 @@ class Draft:
         # Divergence is an error, and no reason to start again.
         option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
 
-    def _set_islands(self, objects: int) -> None:
+    def _set_islands(self, objects: Sequence[Prop]) -> None:
         option = self.spec.option
         if not objects and len(self.spec.joints) < ISLAND_JOINTS:
             option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
         if objects:
             option.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP
             option.sleep_tolerance = STILL_M_S
-            option.tolerance = TOLERANCE
+            threads = any(prop.thread for prop in objects)
+            option.tolerance = THREAD_TOLERANCE if threads else TOLERANCE
 
     def _add_arm(
         self, place: RigArm, mount: Anchor, mask: ContactMask, group: int

@@ -82,11 +82,17 @@ def contact_masks(rig: RigDescription) -> dict[str, ContactMask]:
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A shape that may touch others: its geom, and the name of its body."""
+    """A shape that may touch others: its geom, and the name of its body.
+
+    Attributes:
+        geom, shape, body: as stated
+        rests: of a thread's link: spheres that touch large soft boxes in its place, if any
+    """
 
     geom: mujoco.MjsGeom
     shape: Shape
     body: str
+    rests: tuple[Surface, ...] | None = None
 
 
 class Geoms:

@@ -18,6 +18,7 @@ from trocar.geometry.se3 import inverse
 from trocar.modeling import naming
 from trocar.modeling.geoms import Geoms, Surface
 from trocar.modeling.options import STIFF_IMPEDANCE, STOP_STEPS
+from trocar.modeling.threads import LYING
 
 Array = NDArray[np.float64]
 
@@ -107,13 +108,14 @@ def soften(
         compiled: compiles it as it is
     """
     surfaces = [(surface, surface.shape.stiffness is not None) for surface in geoms.surfaces]
-    touching = [
+    meeting = [
         (one, two)
         for (one, soft), (two, other_soft) in combinations(surfaces, 2)
         if (soft or other_soft) and _meet(one, two)
     ]
-    if not touching:
+    if not meeting:
         return
+    touching = _laid(spec, meeting, geoms.surfaces)
     model = compiled()
     yields = {model.body(k).name: float(model.body_invweight0[k, 0]) for k in range(model.nbody)}
     for number, (one, two) in enumerate(touching):
@@ -124,7 +126,8 @@ def soften(
             continue
         pair = spec.add_pair(name=f"soft_{number}", geomname1=names[0], geomname2=names[1])
         slide, spin, roll = _friction(one.geom, two.geom)
-        pair.condim, pair.friction = one.geom.condim, [slide, slide, spin, roll, roll]
+        pair.condim = min(one.geom.condim, two.geom.condim)
+        pair.friction = [slide, slide, spin, roll, roll]
         impedance = _impedance(pliant * timestep**2 / softness)
         stiffness = (1.0 - impedance) * pliant / softness
         pair.solref = [-stiffness, -2.0 * np.sqrt(stiffness)]
@@ -150,6 +153,34 @@ def pair_grips(spec: mujoco.MjSpec, pads: Sequence[Surface], held: Sequence[Surf
         slide, spin, roll = _friction(pad.geom, shape.geom)
         pair.condim, pair.friction = pad.geom.condim, [slide, slide, spin, roll, roll]
         pair.solref, pair.solimp = shape.geom.solref, shape.geom.solimp
+
+
+def _laid(
+    spec: mujoco.MjSpec, meeting: Sequence[tuple[Surface, Surface]], surfaces: Sequence[Surface]
+) -> list[tuple[Surface, Surface]]:
+    """Replace links of threads by their spheres where they meet bodies of large soft boxes.
+
+    Large: two edges are longer than the spheres' distance, so a thread lies on its faces; narrow
+    sides may sink in between spheres. The bodies then touch by these pairs alone.
+    """
+    edges: dict[str, float] = {}
+    for surface in surfaces:
+        shape = surface.shape
+        flat = shape.kind == "box" and shape.stiffness is not None
+        edge = 2.0 * float(np.median(shape.size)) if flat else 0.0
+        edges[surface.body] = min(edge, edges.get(surface.body, np.inf))
+    touching: list[tuple[Surface, Surface]] = []
+    apart: set[tuple[str, str]] = set()
+    for one, two in meeting:
+        link, box = (one, two) if one.rests is not None else (two, one)
+        if link.rests is not None and edges[box.body] > 2.0 * LYING * link.shape.size[1]:
+            touching += [(rest, box) for rest in link.rests]
+            apart.add((link.body, box.body))
+        else:
+            touching.append((one, two))
+    for link, box in sorted(apart):
+        spec.add_exclude(bodyname1=link, bodyname2=box)
+    return touching
 
 
 def _soft(one: Surface, two: Surface) -> bool:

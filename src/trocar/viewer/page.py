@@ -49,6 +49,9 @@ Floats = NDArray[np.float64]
 PERIOD_S = 1 / 30
 """Time between two refreshes [s]. Source: a fifth of a core for 73 bodies."""
 
+REST_S = 0.5 * PERIOD_S
+"""Least time between two refreshes, which leaves the arms theirs [s]. Source: our own choice."""
+
 FAREWELL_S = 1.0
 """Time for which the page shows the error that stopped the simulation before it closes [s]."""
 
@@ -337,7 +340,9 @@ def serve(
             if on_ready is not None:
                 on_ready(entrance(server))
             try:
-                while not loop.wait(PERIOD_S):
+                due_s = time.monotonic()
+                while not loop.wait(max(due_s - time.monotonic(), REST_S)):
+                    due_s = max(due_s + PERIOD_S, time.monotonic())
                     run_there(server, page.refresh)
                     if gallery is not None and gallery.chosen is not None:
                         text = f"Loading {gallery.chosen.name} ..."

@@ -322,7 +322,7 @@ def _scope(task: Task, args: Namespace, option: str) -> Endoscope:
     if not scopes:
         raise InputError(f"{option}: the rig of {task.scene.name} has no endoscope")
     eyes = None if args.preset is None else load_camera(eyes_of(args.preset))
-    return Endoscope(task.world, scopes[0], calibration=eyes, look=look_of(args))
+    return Endoscope(task.world, scopes[0], calibration=eyes, look=look_of(args, task.world.rig))
 
 
 def _film(task: Task, args: Namespace, stack: ExitStack) -> None:

@@ -128,7 +128,7 @@ def _opened(args: Namespace) -> tuple[World, Endoscope]:
         args.camera or names[0],
         calibration=None if args.preset is None else load_camera(eyes_of(args.preset)),
         angle_deg=args.angle,
-        look=look_of(args, samples=args.samples),
+        look=look_of(args, world.rig, samples=args.samples),
         **{name: name == args.show for name in ("depth", "ids", "normals")},
     )
     if periods := round(args.after / world.timestep):

@@ -35,6 +35,10 @@ if TYPE_CHECKING:
     Shapes = tuple[int, Sequence[ShapeRecord]]
 
 
+#: Initial pose with the tools in view, if the rig defines it.
+WORK = "work"
+
+
 def add_world(parser: ArgumentParser, rig: str | None = "full_cart", chosen: str = "") -> Arguments:
     """Add the rig, its tools and the physics options; return their group.
 
@@ -106,6 +110,24 @@ def make_world(args: Namespace, tip_load_n: float = 0.0) -> World:
     return world
 
 
+def add_pose(group: Arguments) -> None:
+    """Add the initial pose."""
+    options(group, f"""
+        --pose NAME  initial pose of the rig (default: {WORK}, tools in view, if the rig has it)
+    """)  # fmt: skip
+
+
+def take_pose(world: World, pose: str | None) -> None:
+    """Put the arms at a pose of `add_pose`, as the world begins there.
+
+    Raises:
+        UnknownNameError: no such pose; the known ones are listed
+    """
+    pose = pose or (WORK if WORK in world.rig.poses else "start")
+    if pose != "start":
+        world.reset(pose=pose)
+
+
 def add_record(parser: ArgumentParser) -> None:
     """Add the recording of the run."""
     group = parser.add_argument_group("recording")
@@ -132,7 +154,8 @@ def add_look(group: Arguments) -> None:
                                           eyes)
         --distortion                      apply lens distortion; requires a calibrated camera
         --exposure STOPS:exposure = auto  exposure compensation in stops
-        --vignette 0..1:number = 0        darkening of the image corners
+        --vignette 0..1:number            darkening of the image corners (default: 0.6 in a cavity,
+                                          else 0)
         --noise RATIO:number = 0          sensor noise
         --no-shadows                      render no shadows (faster)
         --look plain|surgical             surgical: tissue with structure and moisture, mirroring
@@ -187,12 +210,14 @@ def look_of(args: Namespace, rig: RigDescription, samples: int = 0) -> Look:
     Raises:
         InputError: a value is out of range
     """
-    from trocar.rendering.look import style_of
+    from trocar.rendering.look import style_of, vignette_of
 
-    return _look(args, args.look or style_of(rig), samples)
+    return _look(args, args.look or style_of(rig), vignette_of(rig), samples)
 
 
-def _look(args: Namespace, style: Literal["plain", "surgical"], samples: int = 0) -> Look:
+def _look(
+    args: Namespace, style: Literal["plain", "surgical"], vignette: float, samples: int = 0
+) -> Look:
     from trocar.rendering import Look
 
     for name in ("smoke", "blood"):
@@ -208,7 +233,7 @@ def _look(args: Namespace, style: Literal["plain", "surgical"], samples: int = 0
         jpeg=args.jpeg,
         shadows=not args.no_shadows,
         exposure=args.exposure,
-        vignette=args.vignette,
+        vignette=vignette if args.vignette is None else args.vignette,
         noise=args.noise,
         distortion=args.distortion,
         samples=samples,
@@ -220,11 +245,13 @@ def changed_look(args: Namespace) -> dict[str, object]:
 
     A task that looks at images has a style of its own, which is left where none is chosen.
     """
-    look = _look(args, args.look or "surgical")
+    look = _look(args, args.look or "surgical", 0.0)
     changed = {
         f.name: getattr(look, f.name) for f in fields(look) if getattr(look, f.name) != f.default
     }
     changed.pop("style", None)
+    if args.vignette is not None:
+        changed["vignette"] = args.vignette  # 0, too: a cavity has another
     return {**changed, "style": look.style} if args.look else changed
 
 

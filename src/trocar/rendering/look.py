@@ -18,15 +18,18 @@ FINE, STEP, MOST = 1.0, 256, 4096
 #: Automatic exposure, as of a scope's video processor.
 AUTO: Literal["auto"] = "auto"
 STYLES = "plain", "surgical"
-#: The material that the surgical style gives structure.
-TISSUE = "tissue"
+#: Vignette of pictures in a body's cavity. Source: chosen by eye.
+CAVITY_VIGNETTE = 0.6
 
 
 def style_of(rig: RigDescription) -> Literal["plain", "surgical"]:
     """Return the style of a rig's pictures unless another is chosen: surgical if it has tissue."""
-    materials = {shape.material for prop in rig.props for shape in prop.shapes}
-    tissue = TISSUE in materials or any(prop.tissue is not None for prop in rig.props)
-    return "surgical" if tissue else "plain"
+    return "plain" if rig.tissue is None else "surgical"
+
+
+def vignette_of(rig: RigDescription) -> float:
+    """Return the vignette of a rig's pictures unless another is chosen."""
+    return CAVITY_VIGNETTE if rig.surroundings == "cavity" else 0.0
 
 
 @dataclass(frozen=True)

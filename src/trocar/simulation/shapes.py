@@ -16,6 +16,7 @@ from trocar.descriptions.materials import MATERIALS
 from trocar.descriptions.records import RigDescription, Shape
 from trocar.geometry.rotations import quaternion_from_matrix
 from trocar.modeling import naming
+from trocar.simulation.cavity import cavity_shapes
 from trocar.simulation.records import ShapeRecord
 
 
@@ -35,6 +36,8 @@ def shape_records(rig: RigDescription, model: mujoco.MjModel) -> tuple[ShapeReco
             for number, shape in enumerate(s for s in part.shapes if s.visible):
                 name = f"{arm.name}/{part.frame}/{part.part}/{number}"
                 found.append(_record(shape, body, name, arm.name, part.frame))
+    if rig.surroundings == "cavity":
+        found += cavity_shapes(rig, {prop.name: model.body(prop.name).id for prop in rig.props})
     return (*found, *band_shapes(rig, model.nbody))
 
 

@@ -26,7 +26,7 @@ NAME = "cavity"
 #: Source: our own choice: the endoscope's tip, 0.1 m above the bed, is inside.
 RADIUS_M, BED_M, TOP_M = 0.17, 0.085, 0.21
 #: Width of the bed's cells, points of a ring, rings of the wall. Source: our own choice.
-CELL_M, AROUND, RISING = 0.0025, 144, 24
+CELL_M, AROUND, RISING = 0.004, 64, 7
 #: Waves of the bed: their mean height, height and numbers [m, 1/m]. Source: chosen by eye.
 LEVEL_M, WAVE_M, WAVES = 0.0022, 0.0011, ((70.0, 40.0), (-35.0, 95.0), (120.0, -80.0))
 #: A fold over a rim of the scene's tissue: how far inside it begins, its slope, its height above
@@ -42,8 +42,7 @@ GLOSS = 0.6
 #: Lobes: colour, middle, half axes [m] and the ratio of their bumps. Source: chosen by eye.
 LOBES = (
     (LIVER, (-0.100, 0.040, 0.002), (0.044, 0.060, 0.034), 0.03),
-    (FAT, (0.096, 0.056, 0.004), (0.030, 0.026, 0.022), 0.16),
-    (FAT, (0.076, 0.070, 0.003), (0.022, 0.018, 0.017), 0.16),
+    (FAT, (0.092, 0.060, 0.004), (0.034, 0.027, 0.022), 0.16),
     (FAT, (-0.090, -0.048, 0.002), (0.026, 0.030, 0.014), 0.18),
 )
 #: Bowel: points of its middle line and its radius [m], ratio and number of its pouches along it.
@@ -65,9 +64,7 @@ def cavity_shapes(rig: RigDescription, body: dict[str, int]) -> tuple[ShapeRecor
     Raises:
         InputError: there is no such prop
     """
-    tissue = rig.tissue
-    if tissue is None:
-        raise InputError(f'{rig.name}: surroundings: got "cavity"; allowed: with a prop of tissue')
+    tissue = _tissue(rig)
     box = _box(tissue)
     others = [_box(p) for p in rig.props if p is not tissue and p.movable is None and _low(p)]
     surfaces = [
@@ -99,6 +96,24 @@ def cavity_shapes(rig: RigDescription, body: dict[str, int]) -> tuple[ShapeRecor
             )
         )
     return tuple(found)
+
+
+def covered(rig: RigDescription) -> frozenset[str]:
+    """Return the names of props that lie below the bed from edge to edge: tables, floors.
+
+    Raises:
+        InputError: there is no prop of tissue
+    """
+    box = _box(_tissue(rig))
+    middle, top = box[0, :2], box[0, 2] + box[1, 2]
+    found: list[str] = []
+    for prop in rig.props:
+        if prop.movable is None and prop.shapes:
+            own = _box(prop)
+            below = own[0, 2] + own[1, 2] < min(top, LEVEL_M)
+            if below and _outside(middle, own) < -BED_M:
+                found.append(prop.name)
+    return frozenset(found)
 
 
 def height(points: Array, box: Array, others: Sequence[Array]) -> Array:
@@ -181,7 +196,7 @@ def _lobe(
     middle: tuple[float, float, float], axes: tuple[float, float, float], bumps: float
 ) -> tuple[Array, Ints]:
     """Return an ellipsoid with bumps."""
-    rows, n = 24, 48
+    rows, n = 11, 20
     up = np.linspace(-0.499 * np.pi, 0.499 * np.pi, rows)[:, None]
     angle = np.linspace(0.0, 2.0 * np.pi, n, endpoint=False)
     way = np.stack(
@@ -196,7 +211,7 @@ def _lobe(
 @lru_cache(maxsize=1)
 def _bowel() -> tuple[Array, Ints]:
     """Return a tube with pouches along a bent line."""
-    rows, n = 120, 32
+    rows, n = 60, 10
     known = np.array(LINE)
     t = np.linspace(0.0, 1.0, len(known))
     s = np.linspace(0.0, 1.0, rows)
@@ -227,6 +242,12 @@ def _outside(points: Array, box: Array) -> Array:
     past = np.abs(points - box[0, :2]) - box[1, :2]
     beyond = np.linalg.norm(np.maximum(past, 0.0), axis=-1)
     return beyond + np.minimum(past.max(axis=-1), 0.0)
+
+
+def _tissue(rig: RigDescription) -> Prop:
+    if rig.tissue is None:
+        raise InputError(f'{rig.name}: surroundings: got "cavity"; allowed: with a prop of tissue')
+    return rig.tissue
 
 
 def _box(prop: Prop) -> Array:

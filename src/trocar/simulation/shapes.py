@@ -16,17 +16,21 @@ from trocar.descriptions.materials import MATERIALS
 from trocar.descriptions.records import RigDescription, Shape
 from trocar.geometry.rotations import quaternion_from_matrix
 from trocar.modeling import naming
-from trocar.simulation.cavity import cavity_shapes
+from trocar.simulation.cavity import cavity_shapes, covered
 from trocar.simulation.records import ShapeRecord
 
 
 def shape_records(rig: RigDescription, model: mujoco.MjModel) -> tuple[ShapeRecord, ...]:
     """Return every visible shape of a rig, props first, with the id of the body that carries it.
 
-    Bands come last; their rods have ids after those of the model's bodies.
+    A cavity is in place of the table and the floor below it. Bands come last; their rods have ids
+    after those of the model's bodies.
     """
     found: list[ShapeRecord] = []
+    hidden = covered(rig) if rig.surroundings == "cavity" else frozenset[str]()
     for prop in rig.props:
+        if prop.name in hidden:
+            continue
         body = model.body(prop.name).id
         for number, shape in enumerate(s for s in prop.shapes if s.visible):
             found.append(_record(shape, body, f"{prop.name}/{number}", None, ""))

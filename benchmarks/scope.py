@@ -48,7 +48,8 @@ MOST_MORE, MOST_SURGICAL, MOST_TRIANGLES = 1.3, 2.0, 20_000
 #: Tissue: distance ahead of the camera, half its edge [m], and vertices along it.
 TISSUE_M, HALF_M, VERTICES = 0.1, 0.08, 80
 #: Scenes with tissue: least pairs a second in the surgical style, and in a cavity, over the plain
-#: style on the table; pictures, and commands of the policy between them. Source: the project's own goals.
+#: style on the table; pictures, and commands of the policy between them. Source: the project's own
+#: goals.
 SCENES, LEAST_STYLE, LEAST_CAVITY, DRIVEN = ("needle-pick", "suturing"), 0.5, 0.4, 8
 #: Cart in motion: snapshots, and steps between them, so that no picture is reused.
 RIG, POSE, SNAPSHOTS, APART = "full_cart", "work", 16, 16

@@ -78,12 +78,13 @@ def metered(plain: Picture, endless: Picture, style: str = "plain") -> tuple[flo
     stops = np.arange(LEAST, MOST + 0.125, 0.25)
     lit = light * 2.0 ** stops[:, None]
     shown = most * np.sqrt(lit / (1.0 + lit))
-    medians, highlights = np.median(shown, axis=1), np.percentile(shown, HIGHLIGHT, axis=1)
-    found = np.interp(aim, medians, stops)
-    bright = np.interp(BRIGHT * min(white**FALL, 1.0), highlights, stops)
+    medians = np.median(shown, axis=1)
+    highlights: Array = np.percentile(shown, HIGHLIGHT, axis=1)
+    found = float(np.interp(aim, medians, stops))
+    bright = float(np.interp(BRIGHT * min(white**FALL, 1.0), highlights, stops))
     if bright <= found:
-        return float(found), aim
-    return float(bright), float(np.interp(bright, stops, medians))
+        return found, aim
+    return bright, float(np.interp(bright, stops, medians))
 
 
 def followed(stops: float, picture: Picture, passed_s: float, aim: float = TARGET) -> float:

@@ -125,8 +125,8 @@ def height(points: Array, box: Array, others: Sequence[Array]) -> Array:
         others: the same of what else lies there
     """
     x, y = points[..., 0], points[..., 1]
-    waves = sum(np.sin(a * x + b * y + k) for k, (a, b) in enumerate(WAVES))
-    z = LEVEL_M + WAVE_M * np.asarray(waves) / len(WAVES) ** 0.5
+    waves = [np.sin(a * x + b * y + k) for k, (a, b) in enumerate(WAVES)]
+    z: Array = LEVEL_M + WAVE_M * np.sum(waves, axis=0) / len(WAVES) ** 0.5
     for other in others:
         near = _outside(points, other) < CLEAR_M
         z = np.where(near, np.minimum(z, LOW_M), z)

@@ -81,7 +81,8 @@ def metered(plain: Picture, endless: Picture, style: str = "plain") -> tuple[flo
     medians = np.median(shown, axis=1)
     highlights: Array = np.percentile(shown, HIGHLIGHT, axis=1)
     found = float(np.interp(aim, medians, stops))
-    bright = float(np.interp(BRIGHT * min(white**FALL, 1.0), highlights, stops))
+    target: float = BRIGHT * min(float(np.power(white, FALL)), 1.0)
+    bright = float(np.interp(target, highlights, stops))
     if bright <= found:
         return found, aim
     return bright, float(np.interp(bright, stops, medians))

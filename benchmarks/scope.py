@@ -27,12 +27,14 @@ from trocar.geometry.se3 import transform_points
 from trocar.live.images import Pictures, Shot
 from trocar.live.loop import SERVER_TICK_S, Loop
 from trocar.rendering import Channels, Look, Renderer, Series, StereoFrame
+from trocar.rendering.look import vignette_of
 from trocar.robot.verification.figures import Figure
 from trocar.ros import Core
 from trocar.ros.core import Batch
 from trocar.simulation import World
 from trocar.simulation.cameras import CameraRecord
 from trocar.simulation.records import DrawnSurface, Snapshot
+from trocar.tasks import make_task, scene_with
 from trocar.viewer import serve
 
 #: Sizes, and pairs a second with a graphics card. Source: the project's own goals.
@@ -45,6 +47,10 @@ LEAST_RATIO: Mapping[str, float] = {"dvrk_sd_640x480": 3.5, "hd_1920x1080": 2.2}
 MOST_MORE, MOST_SURGICAL, MOST_TRIANGLES = 1.3, 2.0, 20_000
 #: Tissue: distance ahead of the camera, half its edge [m], and vertices along it.
 TISSUE_M, HALF_M, VERTICES = 0.1, 0.08, 80
+#: Scenes with tissue: least pairs a second in the surgical style, and in a cavity, over the plain
+#: style on the table; pictures, and commands of the policy between them. Source: the project's own
+#: goals.
+SCENES, LEAST_STYLE, LEAST_CAVITY, DRIVEN = ("needle-pick", "suturing"), 0.5, 0.4, 8
 #: Cart in motion: snapshots, and steps between them, so that no picture is reused.
 RIG, POSE, SNAPSHOTS, APART = "full_cart", "work", 16, 16
 INSTRUMENTS, MOVE, TURN_S = (
@@ -112,6 +118,9 @@ def scope(
         watch(f"stereo pictures, {preset}")
         eyes = load_stereo_camera(preset)
         found += sizes(world, snapshots, record.seeing(eyes), preset, duration_s)
+    for name in SCENES:
+        watch(f"looks of {name}")
+        found += looks(name, duration_s)
     return found + live(live_s, watch, onlooker)
 
 
@@ -186,6 +195,37 @@ def sizes(
         renderer.close()
 
 
+def looks(name: str, duration_s: float) -> Iterator[Figure]:
+    """Compare the looks of a scene with tissue, on its table and in a cavity, at one size."""
+    eyes = load_stereo_camera(PRESETS[0])
+    draws: dict[str, Draw] = {}
+    with ExitStack() as stack:
+        for look, place in (("plain", "table"), ("surgical", "table"), ("surgical", "cavity")):
+            task = make_task(scene_with(name, {"surroundings": place}))
+            task.reset(0)
+            policy = task.policy()
+            world, shots = task.world, [task.world.snapshot(arms=False)]
+            while len(shots) < DRIVEN:
+                for _ in range(DRIVEN):
+                    task.command(next(policy))
+                shots.append(world.snapshot(arms=False))
+            vignette = vignette_of(world.rig)
+            given = Look(look, exposure=0.0, vignette=vignette)  # type: ignore[arg-type]
+            shapes = shots[0].build, world.shapes()
+            renderer = Renderer(lambda shapes=shapes: shapes, None, given)
+            stack.callback(renderer.close)
+            cameras = {"endoscope": world.camera("endoscope").seeing(eyes)}
+            draws[f"{look}, {place}"] = lambda k, r=renderer, s=shots, c=cameras: r.render(
+                s[k], c, "endoscope"
+            )
+        # What else the processor does then counts for none of them.
+        clock = time.process_time if renderer.on_processor else time.perf_counter
+        taken = timed(draws, duration_s, clock)
+    plain, *others = taken.items()
+    for (what, took), least in zip(others, (LEAST_STYLE, LEAST_CAVITY), strict=True):
+        yield Figure(f"{name}: pairs, {what} over {plain[0]}", plain[1] / took, "", lower=least)
+
+
 def tissue(camera: CameraRecord) -> DrawnSurface:
     """Return a sheet of tissue that fills a camera's picture."""
     line = np.linspace(-HALF_M, HALF_M, VERTICES)
@@ -199,7 +239,11 @@ def tissue(camera: CameraRecord) -> DrawnSurface:
     return DrawnSurface("tissue", world, faces, material="tissue", rest=points)
 
 
-def timed(draws: Mapping[str, Draw], duration_s: float) -> dict[str, float]:
+def timed(
+    draws: Mapping[str, Draw],
+    duration_s: float,
+    clock: Callable[[], float] = time.perf_counter,
+) -> dict[str, float]:
     """Return the median time of each, in turn, so that a slow moment affects all [s]."""
     for draw in draws.values():
         draw(0)
@@ -208,10 +252,10 @@ def timed(draws: Mapping[str, Draw], duration_s: float) -> dict[str, float]:
     while time.perf_counter() < end or min(map(len, taken.values())) < 3:
         for name, draw in draws.items():
             for k in range(IN_A_ROW + 1):
-                begun = time.perf_counter()
+                begun = clock()
                 draw(k)
                 if k:  # the first finds the caches full of another's picture
-                    taken[name].append(time.perf_counter() - begun)
+                    taken[name].append(clock() - begun)
     return {name: statistics.median(times) for name, times in taken.items()}
 
 

@@ -9,6 +9,9 @@ import pytest
 
 from trocar.cli import main
 from trocar.cli.worlds import add_look, changed_look, look_of
+from trocar.descriptions import load_rig
+from trocar.descriptions.catalogue import load_scene
+from trocar.errors import InputError
 from trocar.rendering import Look
 
 LIVE = ("sim", "--no-page", "--websocket-port", "0", "--duration", "0.05")
@@ -64,9 +67,14 @@ def test_smoke_blood_noise_and_compression_reach_the_renderer() -> None:
         "--jpeg",
         "70",
     ]
-    found = look_of(parser.parse_args(words))
+    plain, tissue = load_rig("pegs"), load_scene("needle-pick").rig
+    found = look_of(parser.parse_args(words), plain)
     assert found == Look("surgical", smoke=0.3, blood=0.1, noise=0.02, jpeg=70)
-    assert look_of(parser.parse_args([])) == Look()
+    assert look_of(parser.parse_args([]), plain) == Look()
+    assert look_of(parser.parse_args([]), tissue) == Look("surgical")
+    assert look_of(parser.parse_args(["--look", "plain"]), tissue) == Look()
+    with pytest.raises(InputError, match=r"--smoke: got 0\.3 in the plain style"):
+        look_of(parser.parse_args(["--smoke", "0.3"]), plain)
 
 
 def test_a_scene_takes_the_settings_of_its_images_that_are_given_and_no_others() -> None:
@@ -74,6 +82,7 @@ def test_a_scene_takes_the_settings_of_its_images_that_are_given_and_no_others()
     add_look(parser)
     assert changed_look(parser.parse_args([])) == {}
     assert changed_look(parser.parse_args(["--look", "plain"])) == {"style": "plain"}
+    assert changed_look(parser.parse_args(["--smoke", "0.3"])) == {"smoke": 0.3}
     given = ["--look", "surgical", "--smoke", "0.3", "--exposure", "1"]
     expected = {"style": "surgical", "smoke": 0.3, "exposure": 1.0}
     assert changed_look(parser.parse_args(given)) == expected

@@ -140,14 +140,19 @@ def test_moisture_glitters_and_burns_nothing() -> None:
 
 
 @pytest.mark.usefixtures("opengl")
-def test_metal_mirrors_the_red_around_it() -> None:
+def test_metal_mirrors_light_and_dark_and_stays_grey() -> None:
     rod = DrawnCurve("rod", np.array([[-0.03, 0, 0.08], [0.03, 0, 0.08]]), 0.005,
                      (0.75, 0.75, 0.75, 1.0), 0.7, 1.0)  # fmt: skip
-    looks = Look(exposure=-1.0), SURGICAL
-    plain, surgical = (seen(look, rod).left.astype(int) for look in looks)
-    on = plain.max(axis=-1) > 0
-    assert np.abs(plain[on][:, 0] - plain[on][:, 1]).max() <= 1
-    assert (surgical[on][:, 0] - surgical[on][:, 1]).mean() > 8
+    dull, mirroring = (
+        seen(replace(SURGICAL, wet=0.0), rod._replace(metal=metal)).left.astype(int)
+        for metal in (0.0, 1.0)
+    )
+    on = dull.max(axis=-1) > 0
+    off = mirroring[on].max(axis=-1) - mirroring[on].min(axis=-1)
+    assert (off <= 0.06 * mirroring[on].max(axis=-1) + 1).all()  # pink tools had a fifth
+    row = dull.shape[0] // 2 + np.arange(-20, 20)
+    across = [image[row, 320].mean(axis=-1) for image in (dull, mirroring)]
+    assert np.abs(np.diff(across[1])).max() > 1.2 * np.abs(np.diff(across[0])).max()
 
 
 @pytest.mark.usefixtures("opengl")

@@ -1,30 +1,36 @@
-"""Draw the surgical style of the endoscope: docs/images/endoscope-surgical.jpg.
+"""Draw the surgical style of the endoscope: docs/images/endoscope-surgical.jpg and cavity.jpg.
 
-python tools/docs/surgical_pictures.py [FILE]
+python tools/docs/surgical_pictures.py [FOLDER]
 
-Left as it is, right with blood, smoke, noise and vignette.
+The style: left as it is, right with blood, smoke, noise and vignette. The cavity: scenes at a
+moment of their episodes, as `trocar play SCENE --place cavity --video` draws them.
 """
 
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
 from benchmarks.needle_stage import held_pose
+from trocar.descriptions.catalogue import load_scene
 from trocar.geometry import inverse, transform
 from trocar.rendering import Endoscope, Look
+from trocar.rendering.look import vignette_of
 from trocar.simulation.records import DrawnCurve, DrawnSurface
-from trocar.tasks import make_task
+from trocar.tasks import make_task, scene_with
 
-FILE = Path(__file__).parents[2] / "docs" / "images" / "endoscope-surgical.jpg"
+FOLDER = Path(__file__).parents[2] / "docs" / "images"
 SIZE, QUALITY = (640, 480), 85
 LOOKS = (
     Look("surgical", samples=4),
     Look("surgical", samples=4, blood=0.1, smoke=0.3, noise=0.02, vignette=0.4),
 )
+#: Scenes in a cavity: seed, and commands before the picture.
+CAVITY = {"needle-pick": (0, 75), "suturing": (7, 400)}
 #: The tissue: half its side, its vertices a side, the height of its lowest point [m].
 HALF_M, VERTICES, BED_M = 0.06, 121, 0.006
 #: Where the instruments' tips are, in the world, and how far their jaws are open. [m, rad]
@@ -32,8 +38,31 @@ TIPS = {"PSM1": ([0.008, 0.006, 0.026], 0.05), "PSM2": ([-0.020, -0.006, 0.016],
 
 
 def main(words: list[str]) -> None:
-    """Write both pictures beside each other."""
-    task = make_task("needle-tracking")
+    """Write both files."""
+    folder = Path(words[0]) if words else FOLDER
+    style().save(folder / "endoscope-surgical.jpg", quality=QUALITY)
+    cavity().save(folder / "cavity.jpg", quality=QUALITY)
+
+
+def cavity() -> Image.Image:
+    """Return the scenes in a cavity, beside each other."""
+    seen: list[np.ndarray] = []
+    for name, (seed, commands) in CAVITY.items():
+        task = make_task(scene_with(name, {"surroundings": "cavity"}))
+        task.reset(seed)
+        policy = task.policy()
+        for _ in range(commands):
+            task.command(next(policy))
+        look = Look("surgical", vignette=vignette_of(task.world.rig), samples=4)
+        scope = Endoscope(task.world, preset="dvrk_sd_640x480", look=look)
+        seen.append(np.asarray(scope.capture().left))
+        scope.close()
+    return Image.fromarray(np.concatenate(seen, axis=1))
+
+
+def style() -> Image.Image:
+    """Return both pictures of the style beside each other."""
+    task = make_task(replace(load_scene("needle-tracking"), welded=()))
     task.reset(4)
     world = task.world
     (needle,) = (prop.needle for prop in world.rig.objects if prop.needle is not None)
@@ -54,7 +83,7 @@ def main(words: list[str]) -> None:
         frame = scope.render(world.snapshot(), world.cameras(), poses={"needle": T_needle})
         sheet.paste(Image.fromarray(np.asarray(frame.left)), (k * SIZE[0], 0))
         scope.close()
-    sheet.save(words[0] if words else FILE, quality=QUALITY)
+    return sheet
 
 
 def height(x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -28,7 +28,7 @@ SEED, SIZE, RATE_HZ, FILM_QUALITY, QUALITY = 3, (480, 360), 12.5, 5.0, 85
 #: Words of banners, and the share of the time that each is shown after which it is drawn.
 MOMENTS = (("approach", 0.3), ("drive", 0.35), ("takes", 0.8), ("needle out", 0.9), ("done", 0.0))
 #: Part of the video that the picture shows: rows and columns about the wound.
-PART = slice(60, 300), slice(85, 405)
+PART = slice(45, 285), slice(30, 350)
 
 
 def main(words: list[str]) -> None:

@@ -74,6 +74,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         --set KEY=VALUE ... as settings
                                 value of a key of the scene's file by its dotted path, as
                                 time_limit_s=90 or pad.stitches=4; for several keys more than once
+        --place table|cavity    surroundings of a scene with tissue (default: as the scene has them,
+                                table): cavity is the inside of a body, drawn only
         --generation classic|si  of the arms (default: as the scene has them, Classic): si has the
                                 same ports, tips and tools
         --stitches N:int        of suturing: how many (default: 1); deprecated: --set pad.stitches=N
@@ -194,6 +196,7 @@ def _scene(args: Namespace) -> Scene | str:
     if not given:
         look, scene = changed_look(args), args.scene
         settings = [*args.settings, *(["generation=Si"] if args.generation == "si" else [])]
+        settings += [f"surroundings={args.place}"] if args.place else []
         if settings:
             scene = _with_settings(scene, settings)
         return replace(_loaded(scene), look=look) if look else scene
@@ -203,7 +206,8 @@ def _scene(args: Namespace) -> Scene | str:
         raise InputError(f"--{next(iter(given))}: got the scene {args.scene}; allowed: suturing")
     from trocar.tasks.suturing.scene import suturing_scene
 
-    return suturing_scene(**given)
+    scene = suturing_scene(**given)
+    return replace(scene, rig=replace(scene.rig, surroundings=args.place or "table"))
 
 
 def _with_settings(name: str, texts: list[str]) -> Scene:
@@ -322,7 +326,7 @@ def _scope(task: Task, args: Namespace, option: str) -> Endoscope:
     if not scopes:
         raise InputError(f"{option}: the rig of {task.scene.name} has no endoscope")
     eyes = None if args.preset is None else load_camera(eyes_of(args.preset))
-    return Endoscope(task.world, scopes[0], calibration=eyes, look=look_of(args))
+    return Endoscope(task.world, scopes[0], calibration=eyes, look=look_of(args, task.world.rig))
 
 
 def _film(task: Task, args: Namespace, stack: ExitStack) -> None:

@@ -21,7 +21,7 @@ from trocar.cli.arguments import (
     options,
 )
 from trocar.cli.output import print_result, progress_bar, progress_steps
-from trocar.cli.worlds import add_look, eyes_of, look_of
+from trocar.cli.worlds import add_look, add_pose, eyes_of, look_of, take_pose
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
@@ -46,8 +46,8 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_overwrite(parser)
     add_rig(parser)
     add_calibrations(parser)
+    add_pose(parser)
     options(parser, """
-        --pose NAME           initial pose of the rig (default: work, if the rig has it)
         --after S:number = 0  simulated time before the first frame
     """)  # fmt: skip
     add_json(parser)
@@ -120,15 +120,13 @@ def _opened(args: Namespace) -> tuple[World, Endoscope]:
     names = [camera.name for camera in world.rig.cameras]
     if not names:
         raise InputError(f"rig {world.rig.name} has no camera: add a [[camera]] to its file")
-    pose = args.pose or ("work" if "work" in world.rig.poses else "start")
-    if pose != "start":
-        world.reset(pose=pose)
+    take_pose(world, args.pose)
     scope = Endoscope(
         world,
         args.camera or names[0],
         calibration=None if args.preset is None else load_camera(eyes_of(args.preset)),
         angle_deg=args.angle,
-        look=look_of(args, samples=args.samples),
+        look=look_of(args, world.rig, samples=args.samples),
         **{name: name == args.show for name in ("depth", "ids", "normals")},
     )
     if periods := round(args.after / world.timestep):

@@ -18,11 +18,13 @@ from trocar.cli.output import print_result, progress_steps, table
 from trocar.cli.serving import add_serving, allow_headless, serve, serve_chosen
 from trocar.cli.worlds import (
     add_look,
+    add_pose,
     add_record,
     add_world,
     images_of_headless,
     make_world,
     recording,
+    take_pose,
 )
 from trocar.errors import InputError
 
@@ -48,6 +50,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     options(world, """
         --tip-load NEWTON:number = 0  apply a rotating force of NEWTON at every tool tip
     """)  # fmt: skip
+    add_pose(world)
     add_record(parser)
     add_serving(parser)
 
@@ -61,11 +64,13 @@ def run(args: Namespace) -> int:
     allow_overwrite(args, "record", "foxglove_record")
     if args.headless:
         allow_headless(args)
+        allow(args, "without --headless", "pose")
         if not args.record_images:
             allow(args, "without --headless, or with --record-images", *names_of(add_look))
     if not args.headless:
         print(f"trocar: {args.rig}: starting ...", file=sys.stderr, flush=True)
         world = make_world(args, args.tip_load)
+        take_pose(world, args.pose)
         serve_chosen(serve(world, args, loads=True), args)
         return 0
     if isinstance(args.speed, float):

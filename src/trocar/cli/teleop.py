@@ -48,7 +48,7 @@ from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import allow, allow_overwrite, options
 from trocar.cli.serving import add_serving, serve
-from trocar.cli.worlds import add_record, add_world, make_world
+from trocar.cli.worlds import add_pose, add_record, add_world, make_world, take_pose
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
@@ -59,13 +59,11 @@ ORDER = 40
 
 #: Default rigs, of devices and of masters. Source: our own choice.
 RIG, RIG_OF_MASTERS = "pegs", "full_cart_mtm"
-#: Start pose with the tools in view, if the rig defines it.
-POSE = "work"
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    options(parser, f"""
+    options(parser, """
         --device keyboard|gamepad|spacemouse|masters  input device (default: masters if the rig has
                                             some, else keyboard)
         --arm ARM                           instrument to drive at the start (default: the first of
@@ -74,10 +72,9 @@ def add_arguments(parser: ArgumentParser) -> None:
                                             translation, above 0 to 1
         --motion FILE                       device masters: replay the masters' motion from a
                                             recording
-        --pose NAME                         initial pose of the rig (default: {POSE}, if the rig has
-                                            it)
         --duration S:number                 stop after S seconds of simulated time
     """)  # fmt: skip
+    add_pose(parser)
     feedback = parser.add_argument_group("force feedback to the masters (docs/teleoperation.md)")
     options(feedback, """
         --feedback position-force|position-position  exert forces at the masters: of the
@@ -114,8 +111,7 @@ def run(args: Namespace) -> int:
     allow_overwrite(args, "record", "foxglove_record")
     with closing(Session(kind, args.arm, args.scale, args.motion, _feedback(args))) as session:
         world = make_world(args)
-        if args.pose is not None or POSE in world.rig.poses:
-            world.reset(pose=args.pose or POSE)
+        take_pose(world, args.pose)
         print(f"trocar: {args.rig}: starting ...", file=sys.stderr, flush=True)
         instruments = [arm.name for arm in world.rig.arms if arm.arm.type == "PSM"]
         for line in table(kind, instruments):

@@ -23,6 +23,7 @@ from trocar.errors import InputError
 
 if TYPE_CHECKING:
     from trocar.cli.arguments import Arguments
+    from trocar.descriptions.records import RigDescription
     from trocar.descriptions.scenes import Scene
     from trocar.live import Loop
     from trocar.live.images import ImageRenderer, Pictures
@@ -32,6 +33,10 @@ if TYPE_CHECKING:
     from trocar.tasks.play import Script
 
     Shapes = tuple[int, Sequence[ShapeRecord]]
+
+
+#: Initial pose with the tools in view, if the rig defines it.
+WORK = "work"
 
 
 def add_world(parser: ArgumentParser, rig: str | None = "full_cart", chosen: str = "") -> Arguments:
@@ -105,6 +110,24 @@ def make_world(args: Namespace, tip_load_n: float = 0.0) -> World:
     return world
 
 
+def add_pose(group: Arguments) -> None:
+    """Add the initial pose."""
+    options(group, f"""
+        --pose NAME  initial pose of the rig (default: {WORK}, tools in view, if the rig has it)
+    """)  # fmt: skip
+
+
+def take_pose(world: World, pose: str | None) -> None:
+    """Put the arms at a pose of `add_pose`, as the world begins there.
+
+    Raises:
+        UnknownNameError: no such pose; the known ones are listed
+    """
+    pose = pose or (WORK if WORK in world.rig.poses else "start")
+    if pose != "start":
+        world.reset(pose=pose)
+
+
 def add_record(parser: ArgumentParser) -> None:
     """Add the recording of the run."""
     group = parser.add_argument_group("recording")
@@ -131,13 +154,15 @@ def add_look(group: Arguments) -> None:
                                           eyes)
         --distortion                      apply lens distortion; requires a calibrated camera
         --exposure STOPS:exposure = auto  exposure compensation in stops
-        --vignette 0..1:number = 0        darkening of the image corners
+        --vignette 0..1:number            darkening of the image corners (default: 0.6 in a cavity,
+                                          else 0)
         --noise RATIO:number = 0          sensor noise
         --no-shadows                      render no shadows (faster)
         --look plain|surgical             surgical: tissue with structure and moisture, mirroring
-                                          metal, soft shadows; slower (default: plain)
-        --smoke 0..1:number = 0           smoke, with --look surgical
-        --blood 0..1:number = 0           ratio of tissue under blood, with --look surgical
+                                          metal, soft shadows; slower (default: surgical where the
+                                          rig has tissue, else plain)
+        --smoke 0..1:number = 0           smoke, in the surgical look
+        --blood 0..1:number = 0           ratio of tissue under blood, in the surgical look
         --jpeg QUALITY:int = 0            compress images as a video does, 1 to 95 (0 = not at all)
     """, exposure=_exposure)  # fmt: skip
 
@@ -174,32 +199,41 @@ def eyes_of(preset: str) -> str | list[str]:
     return preset.split(",") if "," in preset else preset
 
 
-def look_of(args: Namespace, samples: int = 0) -> Look:
+def look_of(args: Namespace, rig: RigDescription, samples: int = 0) -> Look:
     """Return the Look from the options of `add_look`.
 
     Args:
         args: parsed options
+        rig: whose pictures are drawn; it has a style of its own
         samples: samples per pixel
 
     Raises:
         InputError: a value is out of range
     """
+    from trocar.rendering.look import style_of, vignette_of
+
+    return _look(args, args.look or style_of(rig), vignette_of(rig), samples)
+
+
+def _look(
+    args: Namespace, style: Literal["plain", "surgical"], vignette: float, samples: int = 0
+) -> Look:
     from trocar.rendering import Look
 
     for name in ("smoke", "blood"):
-        if getattr(args, name) and args.look != "surgical":
+        if getattr(args, name) and style != "surgical":
             raise InputError(
                 f"--{name}: got {getattr(args, name):g} in the plain style; allowed: with --look"
                 " surgical"
             )
     return Look(
-        style=args.look or "plain",
+        style=style,
         smoke=args.smoke,
         blood=args.blood,
         jpeg=args.jpeg,
         shadows=not args.no_shadows,
         exposure=args.exposure,
-        vignette=args.vignette,
+        vignette=vignette if args.vignette is None else args.vignette,
         noise=args.noise,
         distortion=args.distortion,
         samples=samples,
@@ -207,11 +241,17 @@ def look_of(args: Namespace, samples: int = 0) -> Look:
 
 
 def changed_look(args: Namespace) -> dict[str, object]:
-    """Return the settings of `look_of` that the options of `add_look` change, by name."""
-    look = look_of(args)
+    """Return the settings that the options of `add_look` change, by name.
+
+    A task that looks at images has a style of its own, which is left where none is chosen.
+    """
+    look = _look(args, args.look or "surgical", 0.0)
     changed = {
         f.name: getattr(look, f.name) for f in fields(look) if getattr(look, f.name) != f.default
     }
+    changed.pop("style", None)
+    if args.vignette is not None:
+        changed["vignette"] = args.vignette  # 0, too: a cavity has another
     return {**changed, "style": look.style} if args.look else changed
 
 
@@ -240,7 +280,7 @@ def open_pictures(loop: Loop, args: Namespace, *, stepped: bool = False) -> Pict
 
     eyes = {} if args.preset is None else {scopes[0]: load_camera(eyes_of(args.preset))}
     rate = RATE_HZ if args.camera_rate is None else args.camera_rate
-    look = look_of(args)
+    look = look_of(args, rig)
 
     def renderer() -> ImageRenderer:
         return _series(look, lambda ask: ask(loop.world) if stepped else loop.ask(ask).result())
@@ -292,7 +332,7 @@ def images_of_headless(world: World, args: Namespace) -> AbstractContextManager[
     from trocar.live.images import RATE_HZ
     from trocar.ros.images import images_recorded
 
-    look, rate = look_of(args), RATE_HZ if args.camera_rate is None else args.camera_rate
+    look, rate = look_of(args, world.rig), RATE_HZ if args.camera_rate is None else args.camera_rate
     return images_recorded(
         world, lambda: _series(look, lambda ask: ask(world)), rate, args.image_format
     )

@@ -33,6 +33,10 @@ PropJointKind = Literal["hinge", "slide", "ball"]
 Generation = Literal["Classic", "Si"]
 GraspKind = Literal["friction+stick", "friction", "attach"]
 DynamicsKind = Literal["identified", "cad"]
+Surroundings = Literal["table", "cavity"]
+
+#: The material of surfaces that look like tissue.
+TISSUE = "tissue"
 
 #: Name of the stereo display's frame, of the poses of masters. Source: the dVRK's
 #: console files.
@@ -587,6 +591,8 @@ class RigDescription:
         errors: by which readings of the robots differ from the truth, None for none
         dynamics: of arms whose overlays have none: "identified", from recordings of real arms
             where there are any for the kind of arm, or "cad", masses and friction as described
+        surroundings: drawn about its tissue: nothing more than the rig's "table", or a body's
+            "cavity", which touches nothing
     """
 
     name: str
@@ -607,11 +613,20 @@ class RigDescription:
     grasp: GraspKind = "friction+stick"
     errors: RobotErrors | None = None
     dynamics: DynamicsKind = "identified"
+    surroundings: Surroundings = "table"
 
     @property
     def setup_joints(self) -> tuple[str, ...]:
         """The arm that each of the setup joints was made for: "PSM1" of SUJ_PSM1."""
         return tuple(a.name.removeprefix("SUJ_") for a in self.arms if a.arm.type == "SUJ")
+
+    @property
+    def tissue(self) -> Prop | None:
+        """The first prop of tissue: soft, or of the material "tissue"."""
+        for prop in self.props:
+            if prop.tissue is not None or any(s.material == TISSUE for s in prop.shapes):
+                return prop
+        return None
 
     @property
     def objects(self) -> tuple[Prop, ...]:

@@ -14,7 +14,13 @@ from trocar.descriptions.cameras import load_stereo_camera
 from trocar.descriptions.keys import key
 from trocar.descriptions.props import read_bands, read_props
 from trocar.descriptions.randomisation import NONE, Randomisation, TipSource, read_randomisation
-from trocar.descriptions.records import DynamicsKind, Generation, GraspKind, RigDescription
+from trocar.descriptions.records import (
+    DynamicsKind,
+    Generation,
+    GraspKind,
+    RigDescription,
+    Surroundings,
+)
 from trocar.descriptions.robot_errors import robot_errors
 from trocar.descriptions.sensors import read_sensors
 from trocar.descriptions.table import Table
@@ -96,6 +102,8 @@ class SceneKeys:
         hidden: objects that observations leave out, and with them places of goals on them
         camera: preset of the endoscope's camera; default: the rig's
         grasp, dynamics: as in the rig's file; default: the rig's
+        surroundings: drawn about the scene's tissue: the rig's "table", or a body's "cavity", which
+            touches nothing
         generation: Si: arms of an Si in place of the rig's, with the same ports, tips and tools
         errors: of the robots, "perfect", "lab" or "wide"; default: the rig's
         randomise: worlds are drawn anew at each reset: "none", "lab", "wide", or the path of a
@@ -117,6 +125,7 @@ class SceneKeys:
     camera: str = field(metadata=key(default=""))
     grasp: GraspKind | None = field(default=None, metadata=key())
     dynamics: DynamicsKind | None = field(default=None, metadata=key())
+    surroundings: Surroundings = field(default="table", metadata=key())
     generation: Generation | None = field(default=None, metadata=key())
     errors: str = field(default="", metadata=key())
     randomise: str = field(default="", metadata=key())
@@ -262,6 +271,9 @@ def read_scene(table: Table, load_rig: Callable[[str | Path], RigDescription]) -
     for row in table.tables("place"):
         placements.append(_read_placement(row, free, [p.object for p in placements]))
         row.done()
+    if keys.surroundings == "cavity" and rig.tissue is None:
+        raise table.fail("surroundings", 'got "cavity"; allowed: "table", or a scene with a prop of'
+                         ' the material "tissue"')  # fmt: skip
     objects = [prop.name for prop in rig.objects]
     goals = list(table.each("goal", lambda row: _read_goal(row, objects, known)))
     if not goals:
@@ -353,6 +365,7 @@ def _rig(table: Table, keys: SceneKeys, rig: RigDescription) -> RigDescription:
         rig,
         grasp=keys.grasp or rig.grasp,
         dynamics=keys.dynamics or rig.dynamics,
+        surroundings=keys.surroundings,
         poses={**rig.poses, "start": start},
         props=props,
         bands=bands,

@@ -19,7 +19,7 @@ from trocar.errors import InputError, TrocarError, UnknownNameError
 from trocar.geometry.se3 import check_transform
 from trocar.rendering.frames import StereoFrame
 from trocar.rendering.latest_only import LatestOnly
-from trocar.rendering.look import Look
+from trocar.rendering.look import Look, style_of, vignette_of
 from trocar.rendering.renderer import Channels, Renderer
 from trocar.rendering.series import Series
 from trocar.simulation import World
@@ -167,7 +167,8 @@ class Endoscope:
             when omitted
         depth, ids, normals: whether frames have them
         visible: objects whose visible share frames have
-        look: light, exposure, lens and sensor
+        look: light, exposure, lens and sensor; in the rig's own style and vignette
+            (`style_of`, `vignette_of`) when omitted
 
     Raises:
         UnknownNameError: no such camera or preset; the known ones are listed
@@ -199,7 +200,7 @@ class Endoscope:
         self.renderer = Renderer(
             lambda: (world.snapshot(arms=False).build, world.shapes()),
             Channels(depth, ids, normals, tuple(visible)),
-            look,
+            look or Look(style_of(world.rig), vignette=vignette_of(world.rig)),
         )
         self._series = Series(self.renderer)
 

@@ -1,7 +1,7 @@
 """Automatic exposure, as a scope's video processor has it.
 
-The measure is the median brightness of what is lit: a white board or a black corner is not half of
-the picture, and leaves the rest as it is.
+Two measures of what is lit: its median brightness, and that of its highlights. Where highlights are
+white surfaces, as a peg board, they are shown white, so the median is brighter then.
 """
 
 from __future__ import annotations
@@ -19,6 +19,11 @@ TARGET = 0.38
 #: The same in the surgical style, and its maximum over the brightness in endless light, so that
 #: dark tissue stays dark and shaded. Source: chosen by eye.
 SURGICAL_TARGET, SHARE = 0.48, 0.8
+#: Highlights: the percentile of brightness that stands for them, its target where they are white,
+#: and their brightness in endless light from which they count as white; the target falls with a
+#: power of that brightness, so grey and coloured surfaces are left to the median. Source: chosen by
+#: eye; white is 214 of 255 then, below the flat end of the curve.
+HIGHLIGHT, BRIGHT, WHITE, FALL = 90.0, 0.84, 0.88, 8.0
 #: Interval at which a series measures that brightness anew [s]. Source: our own choice.
 AIMED_S = 0.25
 #: Range of automatic exposure [stops]. Source: chosen by eye: beyond it the curve is flat.
@@ -49,38 +54,38 @@ def luma(picture: Picture, apart: int = 1) -> Array:
     return (picture[apart // 2 :: apart, apart // 2 :: apart] @ LUMA).ravel() / 255.0
 
 
-def aim_at(endless: Picture) -> float:
-    """Return the target of the median brightness of a picture in the surgical style.
-
-    Args:
-        endless: taken with ENDLESS, (h, w, 3)
-    """
-    shown = luma(endless)
-    seen = shown[shown > 0.0]
-    return min(SURGICAL_TARGET, SHARE * float(np.median(seen))) if len(seen) else TARGET
-
-
-def stops_of(plain: Picture, endless: Picture, aim: float = TARGET) -> float:
-    """Return the exposure at which a picture has the target brightness [stops].
+def metered(plain: Picture, endless: Picture, style: str = "plain") -> tuple[float, float]:
+    """Return the exposure of a picture [stops], and its median brightness then, over white.
 
     Light a is shown as c sqrt(a / (1 + a)), c in endless light, so two pictures give the
-    brightness of each pixel at any exposure.
+    brightness of each pixel at any exposure. The exposure is the larger of those at which the
+    median and the highlights reach their targets.
 
     Args:
         plain: taken with 0 stops, (h, w, 3)
         endless: the same with ENDLESS
-        aim: target of the median brightness
+        style: of the look
     """
     least, most = luma(plain), luma(endless)
     seen = most > 0.0
     if seen.mean() < LIT:
-        return 0.0
-    share = np.clip((least[seen] / most[seen]) ** 2, 1e-6, 1.0 - 1e-6)
+        return 0.0, TARGET
+    least, most = least[seen], most[seen]
+    aim = TARGET if style == "plain" else min(SURGICAL_TARGET, SHARE * float(np.median(most)))
+    white = float(np.percentile(most, HIGHLIGHT)) / WHITE
+    share = np.clip((least / most) ** 2, 1e-6, 1.0 - 1e-6)
     light = share / (1.0 - share)
     stops = np.arange(LEAST, MOST + 0.125, 0.25)
-    shown = light * 2.0 ** stops[:, None]
-    medians = np.median(most[seen] * np.sqrt(shown / (1.0 + shown)), axis=1)
-    return float(np.interp(aim, medians, stops))
+    lit = light * 2.0 ** stops[:, None]
+    shown = most * np.sqrt(lit / (1.0 + lit))
+    medians = np.median(shown, axis=1)
+    highlights: Array = np.percentile(shown, HIGHLIGHT, axis=1)
+    found = float(np.interp(aim, medians, stops))
+    target: float = BRIGHT * min(float(np.power(white, FALL)), 1.0)
+    bright = float(np.interp(target, highlights, stops))
+    if bright <= found:
+        return found, aim
+    return bright, float(np.interp(bright, stops, medians))
 
 
 def followed(stops: float, picture: Picture, passed_s: float, aim: float = TARGET) -> float:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields
 from math import ceil
 from typing import Literal
 
+from trocar.descriptions.records import RigDescription
 from trocar.errors import InputError
 
 #: Widest narrow picture, and edge of the soft shadow map of narrow and of wider pictures [px].
@@ -17,6 +18,18 @@ FINE, STEP, MOST = 1.0, 256, 4096
 #: Automatic exposure, as of a scope's video processor.
 AUTO: Literal["auto"] = "auto"
 STYLES = "plain", "surgical"
+#: Vignette of pictures in a body's cavity. Source: chosen by eye.
+CAVITY_VIGNETTE = 0.6
+
+
+def style_of(rig: RigDescription) -> Literal["plain", "surgical"]:
+    """Return the style of a rig's pictures unless another is chosen: surgical if it has tissue."""
+    return "plain" if rig.tissue is None else "surgical"
+
+
+def vignette_of(rig: RigDescription) -> float:
+    """Return the vignette of a rig's pictures unless another is chosen."""
+    return CAVITY_VIGNETTE if rig.surroundings == "cavity" else 0.0
 
 
 @dataclass(frozen=True)
@@ -25,7 +38,8 @@ class Look:
 
     Attributes:
         style: "plain", or "surgical": an endoscope's pictures have tissue with structure, moisture
-            and light from below its surface, metal that mirrors it, and soft shadows; slower
+            and light from below its surface, metal that mirrors light, and soft shadows; slower;
+            `style_of` has the one for a rig
         shadows: whether the light throws them
         shadow_size: pixels along the edge of their map; 0: by the picture's width
         exposure: brighter by so many stops, or "auto": an endoscope's pictures are made as bright

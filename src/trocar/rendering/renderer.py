@@ -21,7 +21,7 @@ from trocar.geometry.se3 import check_transform, inverse
 from trocar.rendering.buffers import Scenery, drawn_scenery, scenery
 from trocar.rendering.context import driver, load, on_processor
 from trocar.rendering.draw_list import PlacedObjects, draw_list, placed
-from trocar.rendering.exposure import ENDLESS, TARGET, aim_at, stops_of, to_be_measured
+from trocar.rendering.exposure import ENDLESS, metered, to_be_measured
 from trocar.rendering.frames import Picture, StereoFrame
 from trocar.rendering.gpu import NOTHING, Gpu
 from trocar.rendering.look import AUTO, Look
@@ -143,19 +143,20 @@ class Renderer:
                 except self._lost as again:
                     raise TrocarError(f"the graphics context was lost twice: {again}") from again
 
-    def aim(self, snapshot: Snapshot, cameras: Mapping[str, CameraRecord], camera: str) -> float:
-        """Return the median brightness that automatic exposure aims at, 0 to 1."""
-        if self.look.style == "plain":
-            return TARGET
+    def meter(
+        self, snapshot: Snapshot, cameras: Mapping[str, CameraRecord], camera: str
+    ) -> tuple[float, float]:
+        """Return automatic exposure of an endoscope [stops], and the median brightness then.
+
+        Both are of this snapshot alone, and measured on small pictures without shadows.
+        """
         with self._lock:
             gpu = self._gpu or self._open()
             with gpu.context:
                 record = cameras[camera].at(snapshot)
                 things = self._loaded(gpu, snapshot)
                 objects = placed(things, snapshot, inverse(record.T_world_camera))
-                _, small = self._lenses(gpu, record)
-                (endless,) = self._measured(gpu, objects, small, (ENDLESS,))
-                return aim_at(endless)
+                return self._metered(gpu, objects, self._lenses(gpu, record)[1])
 
     def close(self) -> None:
         """Release the graphics library; `render` opens it again."""
@@ -254,21 +255,18 @@ class Renderer:
         return self._optics[key][1:]
 
     def _exposure(self, gpu: Gpu, objects: PlacedObjects, small: Optics, kind: str) -> float:
-        """Return the stops of a picture alone, measured on small ones without shadows."""
+        """Return the stops of a picture alone."""
         if self.look.exposure != AUTO:
             return self.look.exposure
         if kind != "endoscope":
             return 0.0
-        plain, endless = self._measured(gpu, objects, small, (0.0, ENDLESS))
-        aim = TARGET if self.look.style == "plain" else aim_at(endless)
-        return stops_of(plain, endless, aim)
+        return self._metered(gpu, objects, small)[0]
 
-    def _measured(
-        self, gpu: Gpu, objects: PlacedObjects, small: Optics, stops: Sequence[float]
-    ) -> list[Picture]:
-        """Draw small pictures of the left eye without shadows, one for each exposure."""
+    def _metered(self, gpu: Gpu, objects: PlacedObjects, small: Optics) -> tuple[float, float]:
+        """Return exposure and median brightness, measured on two pictures of the left eye."""
         listed = draw_list(objects, small, shadows=False, alike=self.look.style == "plain")
-        return [gpu.draw(listed, small, ("COLOUR",), 0.0, each)["COLOUR"][0] for each in stops]
+        seen = [gpu.draw(listed, small, ("COLOUR",), 0.0, each) for each in (0.0, ENDLESS)]
+        return metered(seen[0]["COLOUR"][0], seen[1]["COLOUR"][0], self.look.style)
 
     def _visible(
         self,

@@ -87,19 +87,19 @@ class Series:
     def _stops(
         self, snapshot: Snapshot, cameras: Mapping[str, CameraRecord], camera: str
     ) -> float | None:
-        """Return the stops of the next picture, None where no picture before sets them."""
+        """Return the stops of the next picture, None where the renderer's look sets them."""
+        if self._renderer.look.exposure != AUTO or cameras[camera].kind != "endoscope":
+            return None
         before = self._before.get(camera)
-        if before is None or self._renderer.look.exposure != AUTO:
-            return None
-        passed = snapshot.time - before.time
-        if before.build != snapshot.build or not 0.0 <= passed < GAP_S:
-            return None
-        if cameras[camera].kind != "endoscope":
-            return None
+        passed = -1.0 if before is None else snapshot.time - before.time
+        follows = before is not None and before.build == snapshot.build and 0.0 <= passed < GAP_S
         measured, aim = self._aims.get(camera, (-np.inf, 0.0))
-        if not 0.0 <= snapshot.time - measured < AIMED_S:
-            aim = self._renderer.aim(snapshot, cameras, camera)
+        alone = 0.0
+        if not follows or not 0.0 <= snapshot.time - measured < AIMED_S:
+            alone, aim = self._renderer.meter(snapshot, cameras, camera)
             self._aims[camera] = snapshot.time, aim
+        if before is None or not follows:
+            return alone
         return followed(before.exposure, before.left, passed, aim)
 
     def close(self) -> None:

@@ -99,12 +99,13 @@ def vessels(rng: np.random.Generator) -> Array:
 def mirrored() -> Texture:
     """Return the surroundings that metal mirrors: a sphere map seen from behind.
 
-    In the middle the dark of the port with the light guide above the eyes; around it tissue.
+    In the middle the dark of the port with the light guide above the eyes; around it tissue, as
+    grey as it is in pictures whose white balance is set on instruments.
     """
     y, x = np.meshgrid(*2 * (np.linspace(-1.0, 1.0, MIRROR),), indexing="ij")
     r = np.hypot(x, y)
     tissue_ = (
-        np.array([0.68, 0.52, 0.49]) * (0.55 + 0.45 * np.clip(1.0 - np.abs(y), 0, 1))[..., None]
+        np.array([0.57, 0.555, 0.55]) * (0.55 + 0.45 * np.clip(1.0 - np.abs(y), 0, 1))[..., None]
     )
     away = np.clip((r - 0.25) / 0.4, 0.0, 1.0)[..., None]
     found = np.array([0.10, 0.10, 0.11]) * (1.0 - away) + tissue_ * away

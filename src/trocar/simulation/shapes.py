@@ -16,16 +16,21 @@ from trocar.descriptions.materials import MATERIALS
 from trocar.descriptions.records import RigDescription, Shape
 from trocar.geometry.rotations import quaternion_from_matrix
 from trocar.modeling import naming
+from trocar.simulation.cavity import cavity_shapes, covered
 from trocar.simulation.records import ShapeRecord
 
 
 def shape_records(rig: RigDescription, model: mujoco.MjModel) -> tuple[ShapeRecord, ...]:
     """Return every visible shape of a rig, props first, with the id of the body that carries it.
 
-    Bands come last; their rods have ids after those of the model's bodies.
+    A cavity is in place of the table and the floor below it. Bands come last; their rods have ids
+    after those of the model's bodies.
     """
     found: list[ShapeRecord] = []
+    hidden = covered(rig) if rig.surroundings == "cavity" else frozenset[str]()
     for prop in rig.props:
+        if prop.name in hidden:
+            continue
         body = model.body(prop.name).id
         for number, shape in enumerate(s for s in prop.shapes if s.visible):
             found.append(_record(shape, body, f"{prop.name}/{number}", None, ""))
@@ -35,6 +40,8 @@ def shape_records(rig: RigDescription, model: mujoco.MjModel) -> tuple[ShapeReco
             for number, shape in enumerate(s for s in part.shapes if s.visible):
                 name = f"{arm.name}/{part.frame}/{part.part}/{number}"
                 found.append(_record(shape, body, name, arm.name, part.frame))
+    if rig.surroundings == "cavity":
+        found += cavity_shapes(rig, {prop.name: model.body(prop.name).id for prop in rig.props})
     return (*found, *band_shapes(rig, model.nbody))
 
 

@@ -20,6 +20,7 @@ from trocar.geometry.rotations import (
     rotation_vector_from_matrix,
 )
 from trocar.rendering import Endoscope, Look, StereoFrame
+from trocar.rendering.look import vignette_of
 from trocar.tasks.controller import PERIOD_S
 from trocar.tasks.motions import UP, Hand, Motion, together
 from trocar.tasks.task import Task
@@ -103,7 +104,8 @@ class EndoscopeTask(Task):
         """Return the endoscope, opened at the first call."""
         if self._scope is None:
             movable = [prop.name for prop in self.world.rig.objects]
-            look = Look(**{**LOOK, **self.scene.look})
+            own: dict[str, Any] = {**LOOK, "vignette": vignette_of(self.world.rig)}
+            look = Look(**{**own, **self.scene.look})
             self._scope = Endoscope(self.world, preset=PRESET, visible=movable, look=look)
         return self._scope
 

@@ -19,6 +19,12 @@ HINTS: Mapping[str, str] = {
     " docs/viewer.md, Time",
     "Moment": "Continue from here begins a branch: the simulation goes on from the moment that is"
     " shown, without the policy. Now returns to the present. docs/viewer.md, Time",
+    "Moment s": "The moment of the recording that is shown, from its beginning [s]."
+    " docs/viewer.md, Recordings",
+    "Recording": "Continue from here: the simulation goes on from the moment that is shown, as a"
+    " branch. docs/viewer.md, Recordings",
+    "Moment by moment": "Back or forth by 0.1 s, or by one physics step or row of the recording.",
+    "Speed": "Recorded seconds a second.",
     "Tip handles": "Drag or turn a handle: the tip follows at 100 mm/s at most, and stays where you"
     " let go. docs/viewer.md, Hands",
     "Object handle": "While paused: drag the object's handle; it lies where you let go."

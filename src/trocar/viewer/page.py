@@ -20,6 +20,7 @@ from trocar.live.access import PageAccess
 from trocar.live.images import Pictures
 from trocar.live.inbox import Command
 from trocar.live.loop import Loop
+from trocar.live.player import Player
 from trocar.live.state import LoopState
 from trocar.live.timeline import Timeline
 from trocar.live.tip_goals import TipGoals
@@ -33,6 +34,7 @@ from trocar.viewer.measurements import History
 from trocar.viewer.notices import Notices
 from trocar.viewer.overlays import Overlays
 from trocar.viewer.panel import read_arm
+from trocar.viewer.playback import PlaybackFolder
 from trocar.viewer.plots import LastMinute, QuantityPlots
 from trocar.viewer.scene import Bodies, Drawings, stage, tips_of
 from trocar.viewer.scoreboard import SceneControls
@@ -76,6 +78,7 @@ class Page:
         note: returns HTML to show above the table of joints
         folders: make further parts of each browser's page
         past: the moment that is shown in place of the present
+        player: of the recording that is shown
         last: takes the readings of all arms
 
     Attributes:
@@ -99,6 +102,7 @@ class Page:
         note: Callable[[], str] | None = None,
         folders: Sequence[Callable[[Desk], Folder]] = (),
         past: LookBack | None = None,
+        player: Player | None = None,
         last: LastMinute | None = None,
     ) -> None:
         self.server, self._loop, self._last = server, loop, last
@@ -137,6 +141,7 @@ class Page:
             note=note,
             folders=folders,
             past=past,
+            player=player,
             waits=lambda: self.waits,
         )
         server.gui.configure_theme(
@@ -261,6 +266,7 @@ def serve(
     access: PageAccess | None = None,
     scene: SceneControls | None = None,
     gallery: Gallery | None = None,
+    player: Player | None = None,
     start: Literal["viewer", "now"] = "now",
 ) -> Choice | None:
     """Run a world and serve the page that shows and drives it, until Ctrl-C or the time is over.
@@ -279,6 +285,7 @@ def serve(
         access: which web pages may connect; when omitted, the page itself
         scene: the scene of the world, with its score and its policy
         gallery: what may be loaded in place of the world; None: nothing
+        player: of a recording, which is shown in place of a simulation; a watcher of `loop`
         start: "viewer" keeps time still until a browser has drawn the scene
 
     Returns:
@@ -293,9 +300,11 @@ def serve(
         sockets = ["{0.scheme}://{0.netloc}".format(urlsplit(driving.websocket))]
     with serving(host, port, f"trocar: {world.rig.name}", access, sockets) as server:
         loop = loop or Loop(world, speed=speed)
-        timeline = Timeline(world, loop.tick_s)
-        loop.watch(timeline)
-        past = LookBack(loop, timeline, lambda: scene and scene.drives() and scene.take())
+        past = None
+        if player is None:
+            timeline = Timeline(world, loop.tick_s)
+            loop.watch(timeline)
+            past = LookBack(loop, timeline, lambda: scene and scene.drives() and scene.take())
         goals = TipGoals(loop)
         loop.watch(goals)
         handled = tuple(n for n, arm in world.arms.items() if arm.description.inverse_kinematics)
@@ -304,7 +313,8 @@ def serve(
         last = LastMinute()
         described = {name: read_arm(world, name) for name in world.arms}
         folders = (
-            partial(TimelineFolder, past=past),
+            *((partial(TimelineFolder, past=past),) if past is not None else ()),
+            *((partial(PlaybackFolder, player=player),) if player is not None else ()),
             *((hands,) if handled or things else ()),
             partial(Overlays, loop=loop),
             partial(QuantityPlots, arms=described, last=last),
@@ -322,10 +332,13 @@ def serve(
                 note=note,
                 folders=folders,
                 past=past,
+                player=player,
                 last=last,
             ),
         )
         with page.notices.listening(), closing(loop), suppress(KeyboardInterrupt):
+            if player is not None:
+                loop.post(Command(WORLD, "pause"))
             if start == "viewer":
                 page.waits = loop.post(Command(WORLD, "pause"))
             loop.start(duration_s)

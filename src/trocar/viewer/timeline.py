@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
 BACK, FORTH, STEP = "-0.1 s", "+0.1 s", "+1 ms"
 CONTINUE, NOW = "Continue from here", "Now"
-SPEEDS = {"0.1 x": 0.1, "0.2 x": 0.2, "0.5 x": 0.5, "real time": 1.0, "2 x": 2.0, "max": None}
 
 
 class TimelineFolder:

@@ -1,6 +1,7 @@
 """Simulated arms along a real robot's motion: mirrored, replayed (docs/follow.md) or repeated."""
 
 from trocar.recording.bags import Bag, open_bag
+from trocar.robot.follow.films import MotionFilm, RepeatedFilm
 from trocar.robot.follow.follow_log import ReplayReport, ReplaySettings, replay
 from trocar.robot.follow.mirror import BagSource, LiveSource, Mirror, MirrorReport
 from trocar.robot.follow.reproduce import RepeatReport, repeat
@@ -11,7 +12,9 @@ __all__ = [
     "LiveSource",
     "Mirror",
     "MirrorReport",
+    "MotionFilm",
     "RepeatReport",
+    "RepeatedFilm",
     "ReplayReport",
     "ReplaySettings",
     "open_bag",

@@ -4,14 +4,55 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Collection, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from trocar.descriptions import ArmDescription
 from trocar.errors import LogError, TrocarError
-from trocar.recording.bags import JOINT_STATE, Bag, ImageMessage, JointMessage, PoseMessage
+from trocar.recording.bags import (
+    JOINT_STATE,
+    Bag,
+    ImageMessage,
+    JointMessage,
+    Packed,
+    PoseMessage,
+)
 from trocar.robot.recordings.arm_motion import ArmMotion
 from trocar.robot.recordings.columns import choose_arm
 from trocar.robot.recordings.read import ReadSettings, arms_in, read_arm_motion
+
+
+def arm_motions(
+    path: str | Path, arms: Mapping[str, ArmDescription], how: ReadSettings | None = None
+) -> dict[str, ArmMotion]:
+    """Read the motion of every arm of a file, {name: motion}, by the arms' names in it.
+
+    Args:
+        path: a bag, a text file or a dataset
+        arms: {name: description} of the arms that may be in it
+        how: how to read it; `of` is found by the names
+
+    Raises:
+        LogError, InputError: as for `read_arm_motion`, or none of the arms is in it
+    """
+    how = how or ReadSettings()
+    found: dict[str, ArmMotion] = {}
+    failure: TrocarError | None = None
+    used: set[str | None] = set()
+    for name, arm in arms.items():
+        labels = arms_in(path, arm, how) or [""]
+        named = [label for label in labels if label.upper() in {one.upper() for one in arms}]
+        try:
+            of = choose_arm(str(path), named or labels, name, arm.type, name if named else None)
+            if of in used:
+                continue
+            found[name] = read_arm_motion(path, arm, replace(how, of=of or None))
+            used.add(of)
+        except TrocarError as problem:
+            failure = failure or problem
+    if not found:
+        raise failure or LogError(str(path), f"holds none of the arms {', '.join(arms)}")
+    return found
 
 
 def bag_of_table(
@@ -25,25 +66,9 @@ def bag_of_table(
         rate_hz: of rows without times [Hz]
 
     Raises:
-        LogError, InputError: as for `read_arm_motion`, or none of the arms is in it
+        LogError, InputError: as for `arm_motions`
     """
-    found: dict[str, ArmMotion] = {}
-    failure: TrocarError | None = None
-    used: set[str | None] = set()
-    for name, arm in arms.items():
-        labels = arms_in(path, arm, ReadSettings(rate_hz=rate_hz)) or [""]
-        named = [label for label in labels if label.upper() in {one.upper() for one in arms}]
-        try:
-            of = choose_arm(str(path), named or labels, name, arm.type, name if named else None)
-            if of in used:
-                continue
-            how = ReadSettings(rate_hz=rate_hz, of=of or None)
-            found[name] = read_arm_motion(path, arm, how)
-            used.add(of)
-        except TrocarError as problem:
-            failure = failure or problem
-    if not found:
-        raise failure or LogError(str(path), f"holds none of the arms {', '.join(arms)}")
+    found = arm_motions(path, arms, ReadSettings(rate_hz=rate_hz))
 
     def messages(wanted: Collection[str]) -> Iterator[JointMessage]:
         streams = (_messages(name, one) for name, one in found.items() if topic(name) in wanted)
@@ -58,7 +83,11 @@ def bag_of_table(
     def images(_wanted: Collection[str]) -> Iterator[ImageMessage]:
         return iter(())
 
-    return Bag(str(path), {topic(name): JOINT_STATE for name in found}, messages, poses, images)
+    def raw(_wanted: Collection[str]) -> Iterator[Packed]:
+        return iter(())
+
+    topics = {topic(name): JOINT_STATE for name in found}
+    return Bag(str(path), topics, messages, poses, images, raw)
 
 
 def _messages(name: str, motion: ArmMotion) -> Iterator[JointMessage]:

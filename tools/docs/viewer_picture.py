@@ -2,7 +2,8 @@
 
 python tools/docs/viewer_picture.py NAME [FILE]
 
-NAME: cart, teleoperation, viewer-scene, viewer-gallery, viewer-gone or viewer-phone.
+NAME: cart, teleoperation, viewer-scene, viewer-gallery, viewer-gone, viewer-phone or
+viewer-recording.
 
 Needs the extra `browser` and Chromium with its driver, which draw without a display.
 """
@@ -17,8 +18,10 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from PIL import Image
 from selenium import webdriver
@@ -26,7 +29,7 @@ from selenium.common.exceptions import TimeoutException
 from selenium.webdriver.support.wait import WebDriverWait
 
 IMAGES = Path(__file__).parents[2] / "docs" / "images"
-SERVE = ("--port", "0", "--websocket-port", "0", "--camera-rate", "4")
+SERVE = ("--port", "0", "--camera-rate", "4")
 CLOSE = "document.querySelectorAll('[class*=Notification-closeButton]').forEach(b => b.click())"
 #: Where the panels of measurements and of commands end and begin, in pixels of the picture.
 PANELS = """
@@ -59,7 +62,8 @@ class Shot:
     """A picture.
 
     Attributes:
-        command: of trocar
+        command: of trocar; {folder} is an empty one
+        before: command of trocar that ends before it
         press: what is clicked once all is drawn, in JavaScript
         window: width and height [px], so wide that the panels leave the arms free
         scale: of the window in the picture
@@ -80,6 +84,7 @@ class Shot:
     phone: bool = False
     gone: bool = False
     moved_s: float = MOVED_S
+    before: tuple[str, ...] = ()
 
 
 def press(button: str) -> str:
@@ -108,6 +113,17 @@ SHOTS = {
     "viewer-scene": Shot(("play", "needle-pick"), press("Next seed"), "1500,860", 0.8, moved_s=1.2),
     "viewer-gallery": Shot(("play", "needle-pick"), press("Scenes and rigs"), "1200,800", 0.8),
     "viewer-gone": Shot(("play", "needle-pick"), "", "1320,700", 0.8, gone=True),
+    "viewer-recording": Shot(
+        ("view", "{folder}/run.mcap"),
+        press("Play"),
+        "1500,860",
+        0.8,
+        moved_s=2.5,
+        before=(
+            *("sim", "--headless", "--rig", "pegs", "--duration", "5"),
+            *("--record", "{folder}/run.mcap"),
+        ),
+    ),
     "viewer-phone": Shot(("play", "needle-pick"), press("Next seed"), "390,844", 1.0, phone=True),
 }
 
@@ -167,8 +183,15 @@ def screenshot(url: str, shot: Shot, end: Callable[[], object]) -> Image.Image:
 def main(name: str, file: Path) -> None:
     """Serve a rig and save its page."""
     shot = SHOTS[name]
-    command = [sys.executable, "-u", "-m", "trocar", *shot.command, *SERVE]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as served:
+    trocar = [sys.executable, "-u", "-m", "trocar"]
+    with ExitStack() as stack:
+        folder = stack.enter_context(TemporaryDirectory())
+        if shot.before:
+            subprocess.run([*trocar, *(w.format(folder=folder) for w in shot.before)], check=True)
+        command = [*trocar, *(word.format(folder=folder) for word in shot.command), *SERVE]
+        if shot.command[0] != "view":
+            command += ["--websocket-port", "0"]
+        served = stack.enter_context(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
         try:
             lines = iter(served.stdout or ())
             url = next(found[0] for line in lines if (found := re.search(r"http://\S+", line)))

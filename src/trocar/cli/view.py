@@ -1,7 +1,7 @@
 """Show a recording in the web viewer: play it, look at any moment, go on from there.
 
 A recording of a simulation (trocar sim --record) is repeated in the world that was recorded, and
-compared with the file on the way; *Continue from here* makes a simulation of any moment. A log of
+compared with the file on the way; any moment can become a simulation (Continue from here). A log of
 a real arm is a bag, a text file of numbers of any layout, or an episode of a LeRobot dataset; its
 joints are put where the log has them. See docs/viewer.md and docs/recordings.md.
 """

@@ -33,8 +33,8 @@ def add_arguments(parser: ArgumentParser) -> None:
     """)  # fmt: skip
     real = parser.add_argument_group("log of a real arm")
     options(real, """
-        --arm ARM    built-in arm (see trocar list arms) or TOML file; with --rig, an arm of that rig
-                     (default: psm; with --rig all that the log has)
+        --arm ARM    built-in arm (see trocar list arms) or TOML file; with --rig, an arm of that
+                     rig (default: psm; with --rig all that the log has)
         --tool TOOL  built-in tool or TOML file (default: the tool of the arm's description)
     """)  # fmt: skip
     add_reading(real)

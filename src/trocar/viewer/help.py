@@ -63,6 +63,13 @@ HINTS: Mapping[str, str] = {
     "Overlays": "What the scene draws into the image. docs/vision.md",
     "Last 10 s of": "Joint of the plots [deg or mm], over simulated time [s].",
     "Load": "Another rig or scene in place of this one, with pictures. docs/scenes.md",
+    "Upload a file": "STL, OBJ, URDF, MJCF, or JSON of a dVRK's system; 50 MB at most. Meshes of a"
+    " robot and arms of a system first. docs/viewer.md, Own files",
+    "Unit": "Unit of a mesh's numbers; metres where the file has none. docs/import.md",
+    "Contact": "Collide as convex pieces, or as one convex hull. docs/import.md",
+    "Movable": "An object that instruments can move; else it stands fast.",
+    "Thing": "Save: a ZIP with the rig's file for trocar sim --rig. Load: that rig in place of this"
+    " one, from its start. docs/viewer.md, Own files",
     "Driver": "One browser drives, the others watch. Request control asks the driver; without an"
     " answer it is given after 10 s.",
 }

@@ -33,6 +33,7 @@ from trocar.viewer.look_back import LookBack
 from trocar.viewer.measurements import History
 from trocar.viewer.notices import Notices
 from trocar.viewer.overlays import Overlays
+from trocar.viewer.own_things import BESIDE_M, OwnThings
 from trocar.viewer.panel import read_arm
 from trocar.viewer.playback import PlaybackFolder
 from trocar.viewer.plots import LastMinute, QuantityPlots
@@ -251,6 +252,14 @@ class Page:
         self.server.flush()
 
 
+def _own_things(world: World, gallery: Gallery) -> Callable[[Desk], Folder]:
+    """Return the maker of the folder of a person's own files, for the rig of a world."""
+    tips = [pose[:3, 3] for pose in tips_of(world).values()]
+    place = np.mean(tips, axis=0) + BESIDE_M if tips else BESIDE_M
+    taken = (*world.arms, *(prop.name for prop in world.rig.props))
+    return partial(OwnThings, gallery=gallery, rig=world.rig.file, taken=taken, place=place)
+
+
 def serve(
     world: World,
     *,
@@ -318,6 +327,7 @@ def serve(
             *((hands,) if handled or things else ()),
             partial(Overlays, loop=loop),
             partial(QuantityPlots, arms=described, last=last),
+            *((_own_things(world, gallery),) if gallery is not None else ()),
         )
         page = run_there(
             server,

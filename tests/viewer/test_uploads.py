@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import asyncio
 import io
 import json
 import zipfile
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
+from viser._messages import FileTransferStartUpload
 
 from trocar.descriptions import load_rig
 from trocar.descriptions.catalogue import load_scene
@@ -17,7 +20,9 @@ from trocar.errors import InputError
 from trocar.geometry.rotations import matrix_from_rpy
 from trocar.geometry.se3 import transform
 from trocar.simulation import World
-from trocar.viewer import uploads
+from trocar.viewer import Gallery, uploads
+from trocar.viewer.own_things import OwnThings
+from trocar.viewer.server import LocalServer, serving
 from trocar.viewer.uploads import MOST_BYTES, archive, check_size, placed_rig, understand
 
 BLOCK = b"v 0 0 0\nv 50 0 0\nv 0 50 0\nv 0 0 50\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
@@ -119,3 +124,60 @@ def test_an_import_that_hangs_is_given_up(monkeypatch: pytest.MonkeyPatch) -> No
 def test_a_rig_built_in_python_has_no_file_to_place_it_in(block: Any) -> None:
     with pytest.raises(InputError, match="built in Python"):
         placed_rig("", block, POSE, movable=True)
+
+
+class Seated:
+    """A desk whose person drives."""
+
+    seat = ""
+
+    def __init__(self, browser: Any) -> None:
+        self.browser = browser
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[LocalServer]:
+    with serving("127.0.0.1", 0, "test") as found:
+        yield found
+
+
+def folder_of(server: LocalServer) -> tuple[Any, Any, Gallery]:
+    gallery, desk = Gallery(tuple, "psm"), Seated(server)
+    rig = load_rig("psm").file
+    return OwnThings(cast(Any, desk), gallery, rig, ("PSM1",), np.zeros(3)), desk, gallery
+
+
+def test_a_thing_is_shown_where_its_handle_stands_and_loaded_there(server: LocalServer) -> None:
+    folder, _, gallery = folder_of(server)
+    folder._unit.value = "mm"
+    asyncio.run(folder._receive("my block.obj", BLOCK))
+    assert "an object" in folder._text.content and len(folder._nodes) == 1
+    folder._handle.position = (0.0, 0.1, 0.4)
+    asyncio.run(folder._load())
+    assert gallery.chosen is not None and gallery.chosen.kind == "rig"
+    placed = World(gallery.chosen.name).object("my_block").measured_cp().matrix
+    assert placed[:3, 3] == pytest.approx([0.0, 0.1, 0.4])
+    folder.close()
+    assert not folder._nodes
+
+
+def test_a_file_that_is_nothing_leaves_its_error_and_who_watches_uploads_nothing(
+    server: LocalServer,
+) -> None:
+    folder, desk, gallery = folder_of(server)
+    asyncio.run(folder._receive("a.stl", b""))
+    assert "a.stl: is empty" in folder._text.content
+    desk.seat = "another browser drives"
+    asyncio.run(folder._receive("my block.obj", BLOCK))
+    assert folder._thing is None and gallery.chosen is None
+
+
+def test_a_file_that_is_announced_too_large_is_never_taken(server: LocalServer) -> None:
+    folder, _, _ = folder_of(server)
+    (handler,) = server.gui._websock_interface._incoming_handlers[FileTransferStartUpload]
+    for size in (MOST_BYTES, MOST_BYTES + 1):
+        handler(
+            0, FileTransferStartUpload(folder._upload._impl.uuid, f"u{size}", "a.stl", "", 1, size)
+        )
+    assert "allowed: up to 50 MB" in folder._text.content
+    assert {*server.gui._current_file_upload_states} == {f"u{MOST_BYTES}"}

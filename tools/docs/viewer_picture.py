@@ -2,8 +2,8 @@
 
 python tools/docs/viewer_picture.py NAME [FILE]
 
-NAME: cart, teleoperation, viewer-scene, viewer-gallery, viewer-gone, viewer-phone or
-viewer-recording.
+NAME: cart, teleoperation, viewer-scene, viewer-gallery, viewer-gone, viewer-phone,
+viewer-recording or viewer-upload.
 
 Needs the extra `browser` and Chromium with its driver, which draw without a display.
 """
@@ -93,6 +93,29 @@ def press(button: str) -> str:
     return f"{found}.find(b => b.innerText === '{button}').click()"
 
 
+#: Opens the folder of own files, scrolls to it, and uploads a hexagonal nut of 40 mm.
+UPLOAD = """
+const title = [...document.querySelectorAll('*')]
+  .find(e => e.children.length < 3 && e.innerText?.trim() === 'Own files');
+title.click();
+const corners = [[40, 0], [40, 20], [20, 0], [20, 20]];
+const points = [...Array(6).keys()].flatMap(k => corners.map(([r, z]) =>
+  `v ${(r / 1e3 * Math.cos(k * Math.PI / 3)).toFixed(6)} ${
+    (r / 1e3 * Math.sin(k * Math.PI / 3)).toFixed(6)} ${z / 1e3}`));
+const at = (k, c) => 4 * (k % 6) + c + 1;
+const faces = [...Array(6).keys()].flatMap(k => [[0, 0, 1, 1], [3, 3, 2, 2], [1, 1, 3, 3],
+  [2, 2, 0, 0]].map(([a, b, c, d]) =>
+  `f ${at(k, a)} ${at(k + 1, b)} ${at(k + 1, c)} ${at(k, d)}`));
+const files = new DataTransfer();
+files.items.add(new File([[...points, ...faces].join('\\n')], 'nut.obj'));
+setTimeout(() => {
+  const input = [...document.querySelectorAll('input[type=file]')].pop();
+  input.files = files.files;
+  input.dispatchEvent(new Event('change', {bubbles: true}));
+  title.scrollIntoView();
+}, 1500);
+"""
+
 SHOTS = {
     "cart": Shot(
         ("sim",),
@@ -124,6 +147,7 @@ SHOTS = {
             *("--record", "{folder}/run.mcap"),
         ),
     ),
+    "viewer-upload": Shot(("sim", "--rig", "psm"), UPLOAD, "1320,800", 0.9, moved_s=15.0),
     "viewer-phone": Shot(("play", "needle-pick"), press("Next seed"), "390,844", 1.0, phone=True),
 }
 

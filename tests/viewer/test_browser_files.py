@@ -1,4 +1,4 @@
-"""A person's own files in a real browser: uploaded, seen, loaded; and those that are refused."""
+"""Files in a real browser: one's own are uploaded and loaded, recordings played and continued."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from trocar.live import Loop
+from trocar.live.player import Player
 from trocar.simulation import World
 from trocar.viewer import Choice, Gallery, serve
 
@@ -92,3 +94,47 @@ def upload(browser: Browser, folder: Path, name: str, content: bytes) -> None:
 def send(browser: Browser, file: Path) -> None:
     inputs: list[Any] = browser.tab.find_elements(By.CSS_SELECTOR, "input[type=file]")
     inputs[-1].send_keys(str(file))
+
+
+def test_a_recording_is_played_by_its_slider_and_continued(tmp_path: Path) -> None:
+    pytest.importorskip("mcap", reason="the extra `record` is not there")
+    from trocar.recording import record
+    from trocar.robot.follow import RepeatedRecording
+
+    world = World("psm")
+    with record(world, tmp_path / "run.mcap"):
+        world.arm("PSM1").move_jp([0.3, 0.2, 0.15, 0.4, 0.2, -0.3])
+        world.step(2000)
+    played = RepeatedRecording(tmp_path / "run.mcap")
+    loop = Loop(played.world)
+    player = Player(loop, played)
+    loop.watch(player)
+    ready = threading.Event()
+    urls: list[str] = []
+
+    def greet(url: str) -> None:
+        urls.append(url)
+        ready.set()
+
+    def run() -> None:
+        serve(played.world, port=0, on_ready=greet, loop=loop, player=player)
+
+    server = threading.Thread(target=run, daemon=True)
+    server.start()
+    assert ready.wait(60.0)
+    with chromium(tmp_path / "profile") as browser:
+        browser.open(urls[0], "recording")
+        browser.type_number("Moment s", 1.25)
+        browser.wait(lambda: "1.250 of 2.000 s" in (browser.read("recording") or ""), "1.25 s")
+        assert played.world.time == pytest.approx(1.25)
+        browser.click("+0.1 s")
+        browser.wait(lambda: player.time_s == pytest.approx(1.35), "a step")
+        browser.click("Play")
+        browser.wait(lambda: player.time_s == played.end_s, "the end")
+        browser.click("Continue from here")
+        browser.wait(lambda: played.world.time > 2.5, "the branch goes on")
+        assert "this is a branch" in (browser.read("recording") or "")
+        browser.click("Back to the recording")
+        browser.wait(lambda: player.active and played.world.time == pytest.approx(2.0), "the end")
+    loop.close()
+    server.join(60.0)

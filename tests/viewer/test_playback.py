@@ -25,7 +25,7 @@ from trocar.viewer.server import serving
 
 
 class Turning:
-    """A film of ten moments a second in which PSM1 yaws at 0.1 rad/s."""
+    """A source of ten moments a second in which PSM1 yaws at 0.1 rad/s."""
 
     name, start_s, end_s, period_s, continues = "turning", 5.0, 7.0, 0.1, True
     notes = ("of nobody",)

@@ -147,7 +147,7 @@ SHOTS = {
             *("--record", "{folder}/run.mcap"),
         ),
     ),
-    "viewer-upload": Shot(("sim", "--rig", "psm"), UPLOAD, "1320,800", 0.9, moved_s=15.0),
+    "viewer-upload": Shot(("sim", "--rig", "two_psm_ecm"), UPLOAD, "1320,800", 0.9, moved_s=15.0),
     "viewer-phone": Shot(("play", "needle-pick"), press("Next seed"), "390,844", 1.0, phone=True),
 }
 

@@ -19,9 +19,9 @@ from trocar.cli.reading import add_reading, allow_reading, read_settings
 from trocar.cli.worlds import add_cameras, open_pictures
 
 if TYPE_CHECKING:
-    from trocar.robot.follow import MotionFilm, RepeatedFilm
+    from trocar.robot.follow import PlayedLog, RepeatedRecording
 
-SUMMARY = "show a recording in the browser: play, look at any moment, continue"
+SUMMARY = "play a recording in the web viewer"
 ORDER = 71
 
 
@@ -55,11 +55,11 @@ def run(args: Namespace) -> int:
     from trocar.live.player import Player
     from trocar.viewer import serve
 
-    film = _film(args)
-    for text in film.notes:
+    played = _opened(args)
+    for text in played.notes:
         print(f"{args.file}: {text}", file=sys.stderr)
-    loop = Loop(film.world)
-    player = Player(loop, film)
+    loop = Loop(played.world)
+    player = Player(loop, played)
     loop.watch(player)
 
     def greet(url: str) -> None:
@@ -76,7 +76,7 @@ def run(args: Namespace) -> int:
             stack.enter_context(closing(pictures))
             pictures.start()
         serve(
-            film.world,
+            played.world,
             port=args.port,
             on_ready=greet,
             loop=loop,
@@ -87,25 +87,25 @@ def run(args: Namespace) -> int:
     return 0
 
 
-def _film(args: Namespace) -> RepeatedFilm | MotionFilm:
-    from trocar.robot.follow import RepeatedFilm
+def _opened(args: Namespace) -> RepeatedRecording | PlayedLog:
+    from trocar.robot.follow import RepeatedRecording
     from trocar.robot.recordings import recording_kind
 
     kind = recording_kind(args.file)
     if kind == "recording":
         allow(args, "with the log of a real arm", "arm", "tool", *names_of(add_reading))
         print(f"trocar: {args.file}: building its world ...", file=sys.stderr, flush=True)
-        return RepeatedFilm(args.file, args.rig)
+        return RepeatedRecording(args.file, args.rig)
     allow_reading(args, {kind})
     return _of_log(args)
 
 
-def _of_log(args: Namespace) -> MotionFilm:
-    """Return the film of a log: of one arm alone, or of those of a rig."""
+def _of_log(args: Namespace) -> PlayedLog:
+    """Return the played of a log: of one arm alone, or of those of a rig."""
     from trocar.descriptions import load_arm, load_rig
     from trocar.descriptions.mounting import rig_with_tool
     from trocar.descriptions.rigs import lone_arm_rig
-    from trocar.robot.follow import MotionFilm
+    from trocar.robot.follow import PlayedLog
     from trocar.robot.recordings import read_arm_motion
     from trocar.robot.recordings.table_bag import arm_motions
     from trocar.simulation import World
@@ -125,4 +125,4 @@ def _of_log(args: Namespace) -> MotionFilm:
         motions = {name: read_arm_motion(args.file, rig.arm(name).arm, settings)}
     else:
         motions = arm_motions(args.file, {one.name: one.arm for one in rig.arms}, settings)
-    return MotionFilm(World(rig), motions)
+    return PlayedLog(World(rig), motions)

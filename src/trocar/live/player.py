@@ -13,14 +13,14 @@ if TYPE_CHECKING:
     from trocar.simulation import World
 
 BUDGET_S = 0.03
-"""Wall time of one call of `Film.show` [s]. Source: our own choice, a refresh of the web viewer."""
+"""Wall time of one call of `Playable.show` [s]. Source: our own choice, a refresh of the page."""
 
 BEHIND_S = 0.2
-"""Wall time by which a slow film may lag before playing waits for it [s]. Source: our own choice,
-longer than the rows of published logs are apart."""
+"""Wall time by which a slow recording may lag before playing waits for it [s]. Source: our own
+choice, longer than the rows of published logs are apart."""
 
 
-class Film(Protocol):
+class Playable(Protocol):
     """A recording from which any moment is shown in a world; used in the loop's thread.
 
     Attributes:
@@ -57,7 +57,7 @@ class Film(Protocol):
         """Put the world at a moment, or on the way to it.
 
         Args:
-            world: of the film; moved by nobody else since the last call, but for `forget`
+            world: of the recording; not moved otherwise since the last call, but for `forget`
             moment_s: time of a moment, as of `nearest` [s]
             budget_s: wall time after which to return [s]
 
@@ -67,21 +67,21 @@ class Film(Protocol):
         ...
 
     def forget(self) -> None:
-        """Note that somebody else has moved the world."""
+        """Note that the world was moved otherwise."""
         ...
 
 
 class Player:
-    """Play a film in a loop's world; a watcher of the loop, which stays paused meanwhile.
+    """Play a recording in a loop's world; a watcher of the loop, which stays paused meanwhile.
 
     As soon as time flows, the recording is left: motion goes on from the moment that is shown.
 
     Args:
-        loop: of the film's world
-        film: the recording
+        loop: of the recording's world
+        source: the recording
 
     Attributes:
-        film: as given
+        source: as given
         time_s: time of the moment that is shown [s]
         playing: whether time of the recording flows
         speed: recorded seconds a second
@@ -89,9 +89,9 @@ class Player:
         seeks: whether the requested moment is not shown yet
     """
 
-    def __init__(self, loop: Loop, film: Film) -> None:
-        self._loop, self.film = loop, film
-        self.time_s = self._goal_s = film.start_s
+    def __init__(self, loop: Loop, source: Playable) -> None:
+        self._loop, self.source = loop, source
+        self.time_s = self._goal_s = source.start_s
         self.playing, self.speed = False, 1.0
         self.active = self.seeks = True
         self._last_s = loop.now
@@ -100,8 +100,8 @@ class Player:
 
     def play(self) -> None:
         """Let the recording's time flow, from the beginning when it is at its end."""
-        if self.time_s >= self.film.end_s:
-            self.seek(self.film.start_s)
+        if self.time_s >= self.source.end_s:
+            self.seek(self.source.start_s)
         self.playing = True
 
     def pause(self) -> None:
@@ -110,7 +110,7 @@ class Player:
 
     def seek(self, time_s: float) -> None:
         """Go to the moment nearest to a time [s]."""
-        self._goal_s = self.film.nearest(time_s)
+        self._goal_s = self.source.nearest(time_s)
         self.seeks = True
 
     def leave(self) -> None:
@@ -125,7 +125,7 @@ class Player:
     # Called in the loop's thread.
 
     def _show_again(self, world: World) -> None:  # noqa: ARG002  as of a command
-        self.film.forget()
+        self.source.forget()
         self.active = True
         self.seek(self.time_s)
 
@@ -137,16 +137,16 @@ class Player:
             self.active = self.playing = False
         if not self.active:
             return
-        film = self.film
+        source = self.source
         if self.playing and not self.seeks:
             ahead = self._goal_s + (now_s - before_s) * self.speed
-            self._goal_s = min(ahead, self.time_s + BEHIND_S * self.speed, film.end_s)
-        moment = film.nearest(self._goal_s)
+            self._goal_s = min(ahead, self.time_s + BEHIND_S * self.speed, source.end_s)
+        moment = source.nearest(self._goal_s)
         if self.seeks or moment != self.time_s:
-            self.time_s = film.show(self._loop.world, moment, BUDGET_S)
-        if self.time_s == film.nearest(self._goal_s):
+            self.time_s = source.show(self._loop.world, moment, BUDGET_S)
+        if self.time_s == source.nearest(self._goal_s):
             self.seeks = False
-            self.playing = self.playing and self.time_s < film.end_s
+            self.playing = self.playing and self.time_s < source.end_s
 
     def patience(self) -> int:
         """Return after how many ticks to be called again."""

@@ -325,7 +325,7 @@ class Desk:
             return self.watching
         return self.watching or (
             "a recording is shown: Continue from here"
-            if player.film.continues
+            if player.source.continues
             else "a recording is shown"
         )
 

@@ -188,7 +188,7 @@ class OwnThings:
             self._gallery.chosen = Choice("rig", str(file))
 
     async def _worked(self, work: Any) -> Any:
-        """Return what a function returns in another thread, None after its error."""
+        """Call a function in another thread; return its result, None after its error."""
         self._works = True
         try:
             return await asyncio.to_thread(work)

@@ -31,9 +31,9 @@ class PlaybackFolder:
 
     def __init__(self, desk: Desk, player: Player) -> None:
         self._desk, self._player = desk, player
-        film = player.film
+        source = player.source
         gui: viser.GuiApi = desk.browser.gui
-        self._length_s = max(film.end_s - film.start_s, STEP_S)
+        self._length_s = max(source.end_s - source.start_s, STEP_S)
         with gui.add_folder("Recording"):
             self._slider = gui.add_slider(
                 "Moment s", min=0.0, max=round(self._length_s, 3), step=0.001, initial_value=0.0,
@@ -55,9 +55,9 @@ class PlaybackFolder:
 
     def show(self, state: LoopState) -> None:  # noqa: ARG002  as of a folder
         """Show the moment, and what may be done."""
-        player, film = self._player, self._player.film
+        player, source = self._player, self._player.source
         blocked = bool(self._desk.watching)
-        at = round(min(player.time_s - film.start_s, self._slider.max), 3)
+        at = round(min(player.time_s - source.start_s, self._slider.max), 3)
         if not player.seeks and self._slider.value != at:
             self._slider.value = at
         still = blocked or not player.active
@@ -67,7 +67,7 @@ class PlaybackFolder:
         if self._speed.value != speed:
             self._speed.value = speed
         begin = PAUSE if player.playing else PLAY
-        acts = (begin, *((CONTINUE,) if film.continues else ())) if player.active else (RETURN,)
+        acts = (begin, *((CONTINUE,) if source.continues else ())) if player.active else (RETURN,)
         self._acts.show(acts, disabled=blocked)
         self._steps.show(self._steps.names, disabled=still)
         self._write()
@@ -76,15 +76,15 @@ class PlaybackFolder:
         """Do nothing: it has no nodes in the scene."""
 
     def _write(self) -> None:
-        player, film = self._player, self._player.film
-        at, length = player.time_s - film.start_s, film.end_s - film.start_s
+        player, source = self._player, self._player.source
+        at, length = player.time_s - source.start_s, source.end_s - source.start_s
         if not player.active:
             text = f"continued from {at:.3f} s: this is a branch"
         elif player.seeks:
             text = f"on the way: {at:.3f} of {length:.3f} s"
         else:
             text = f"{at:.3f} of {length:.3f} s"
-        lines = [film.name, text, *film.notes]
+        lines = [source.name, text, *source.notes]
         html = "<br>".join(map(escape, lines))
         if html != self._shown:
             self._shown = html
@@ -92,7 +92,7 @@ class PlaybackFolder:
 
     def _seek(self, at_s: float) -> None:
         if not self._desk.watching and self._player.active:
-            self._player.seek(self._player.film.start_s + at_s)
+            self._player.seek(self._player.source.start_s + at_s)
 
     def _set_speed(self, name: str) -> None:
         if not self._desk.watching:
@@ -102,7 +102,7 @@ class PlaybackFolder:
         player = self._player
         if self._desk.watching or not player.active:
             return
-        period = player.film.period_s
+        period = player.source.period_s
         by = {BACK: -STEP_S, BACK_ONE: -period, FORTH_ONE: period, FORTH: STEP_S}[name]
         player.pause()
         player.seek(player.time_s + by)

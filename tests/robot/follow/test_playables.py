@@ -11,9 +11,9 @@ from trocar.descriptions import load_arm
 from trocar.descriptions.rigs import lone_arm_rig
 from trocar.errors import LogError
 from trocar.live import Command, Loop
-from trocar.live.player import Film, Player
+from trocar.live.player import Playable, Player
 from trocar.recording import open_recording, record
-from trocar.robot.follow import MotionFilm, RepeatedFilm
+from trocar.robot.follow import PlayedLog, RepeatedRecording
 from trocar.robot.recordings import read_arm_motion
 from trocar.simulation import World
 from trocar.simulation.journal import WORLD
@@ -48,7 +48,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_moment_shown_is_that_of_the_recording(file: Path) -> None:
-    film = RepeatedFilm(file)
+    played = RepeatedRecording(file)
     about = open_recording(file)
     rows = {
         row: block.values[0, :, k].astype(float)
@@ -59,29 +59,31 @@ def test_the_moment_shown_is_that_of_the_recording(file: Path) -> None:
     generator = np.random.default_rng(3)
     order = [about.rows - 1, 0, 1, 700, 701, *generator.integers(0, about.rows, 12).tolist()]
     for row in order:
-        shown = film.show(film.world, film.nearest(film.start_s + row * film.period_s), AT_ONCE)
-        assert shown == pytest.approx(film.start_s + row * film.period_s, abs=1e-9)
-        here = film.world.arm("PSM1").joints.positions()
+        shown = played.show(
+            played.world, played.nearest(played.start_s + row * played.period_s), AT_ONCE
+        )
+        assert shown == pytest.approx(played.start_s + row * played.period_s, abs=1e-9)
+        here = played.world.arm("PSM1").joints.positions()
         assert here.astype(np.float32).astype(float) == pytest.approx(rows[row], abs=1e-9)
-    assert film.notes == ()
+    assert played.notes == ()
 
 
 def test_motion_goes_on_from_a_moment_as_it_was_recorded(file: Path) -> None:
-    film = RepeatedFilm(file)
-    film.show(film.world, film.nearest(0.9), AT_ONCE)
-    film.show(film.world, film.nearest(0.2), AT_ONCE)
-    film.world.step(300)
-    ours = film.world.arm("PSM1").joints.positions()
-    film.forget()
-    film.show(film.world, film.nearest(0.5), AT_ONCE)
-    assert film.world.arm("PSM1").joints.positions().tolist() == ours.tolist()
+    played = RepeatedRecording(file)
+    played.show(played.world, played.nearest(0.9), AT_ONCE)
+    played.show(played.world, played.nearest(0.2), AT_ONCE)
+    played.world.step(300)
+    ours = played.world.arm("PSM1").joints.positions()
+    played.forget()
+    played.show(played.world, played.nearest(0.5), AT_ONCE)
+    assert played.world.arm("PSM1").joints.positions().tolist() == ours.tolist()
 
 
 def test_a_motion_that_differs_from_the_file_is_reported(file: Path) -> None:
-    film = RepeatedFilm(file)
-    film.world.arm("PSM1").joints.set_gains("yaw", p=1.0)
-    film.show(film.world, film.nearest(film.end_s), AT_ONCE)
-    assert any("differs from the recorded one at 0.5" in note for note in film.notes)
+    played = RepeatedRecording(file)
+    played.world.arm("PSM1").joints.set_gains("yaw", p=1.0)
+    played.show(played.world, played.nearest(played.end_s), AT_ONCE)
+    assert any("differs from the recorded one at 0.5" in note for note in played.notes)
 
 
 def test_a_torn_recording_is_played_up_to_where_it_ends_and_says_so(
@@ -89,12 +91,12 @@ def test_a_torn_recording_is_played_up_to_where_it_ends_and_says_so(
 ) -> None:
     torn = tmp_path / "torn.mcap"
     torn.write_bytes(file.read_bytes()[:-9000])
-    film = RepeatedFilm(torn)
-    assert film.end_s < RepeatedFilm(file).end_s
-    assert any("breaks off" in note for note in film.notes)
+    played = RepeatedRecording(torn)
+    assert played.end_s < RepeatedRecording(file).end_s
+    assert any("breaks off" in note for note in played.notes)
     torn.write_bytes(file.read_bytes()[:400])
     with pytest.raises(LogError, match=r"torn\.mcap"):
-        RepeatedFilm(torn)
+        RepeatedRecording(torn)
 
 
 def log(file: Path) -> Path:
@@ -113,20 +115,20 @@ def test_the_moment_shown_of_a_log_has_the_joints_of_its_row(tmp_path: Path) -> 
     motion = read_arm_motion(log(tmp_path / "log.csv"), arm)
     world = World(lone_arm_rig(arm))
     name = next(iter(world.arms))
-    film = MotionFilm(world, {name: motion})
+    played = PlayedLog(world, {name: motion})
     for row in (150, 3, 199, 0):
-        time_s = film.nearest(float(motion.times[row]))
-        assert film.show(world, time_s, AT_ONCE) == time_s == motion.times[row]
+        time_s = played.nearest(float(motion.times[row]))
+        assert played.show(world, time_s, AT_ONCE) == time_s == motion.times[row]
         assert world.arm(name).joints.positions() == pytest.approx(motion.rows[row, 0], abs=1e-9)
 
 
 def test_a_long_log_keeps_every_nth_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("trocar.robot.follow.films.MOST_ROWS", 50)
+    monkeypatch.setattr("trocar.robot.follow.playables.MOST_ROWS", 50)
     arm = load_arm("psm")
     motion = read_arm_motion(log(tmp_path / "log.csv"), arm)
     world = World(lone_arm_rig(arm))
-    film = MotionFilm(world, {next(iter(world.arms)): motion})
-    assert film.period_s == pytest.approx(0.04)
+    played = PlayedLog(world, {next(iter(world.arms)): motion})
+    assert played.period_s == pytest.approx(0.04)
 
 
 class Clock:
@@ -142,10 +144,10 @@ class Clock:
         self.t += seconds
 
 
-def playing(film: Film, world: World) -> tuple[Loop, Player, Clock]:
+def playing(played: Playable, world: World) -> tuple[Loop, Player, Clock]:
     clock = Clock()
     loop = Loop(world, clock=clock)
-    player = Player(loop, film)
+    player = Player(loop, played)
     loop.watch(player)
     loop.post(Command(WORLD, "pause"))
     loop.tick()
@@ -159,12 +161,12 @@ def ticks(loop: Loop, clock: Clock, seconds: float) -> None:
 
 
 def test_a_recording_is_played_at_its_speed_and_stops_at_its_end(file: Path) -> None:
-    film = RepeatedFilm(file)
-    loop, player, clock = playing(film, film.world)
+    played = RepeatedRecording(file)
+    loop, player, clock = playing(played, played.world)
     player.play()
     ticks(loop, clock, 0.4)
     assert player.time_s == pytest.approx(0.4, abs=0.006)
-    assert film.world.time == pytest.approx(player.time_s)
+    assert played.world.time == pytest.approx(player.time_s)
     player.speed = 0.1
     ticks(loop, clock, 0.5)
     assert player.time_s == pytest.approx(0.45, abs=0.012)
@@ -172,35 +174,35 @@ def test_a_recording_is_played_at_its_speed_and_stops_at_its_end(file: Path) -> 
     before = player.time_s
     ticks(loop, clock, 0.1)
     assert player.time_s == before
-    player.seek(film.end_s - 0.05)
+    player.seek(played.end_s - 0.05)
     player.speed = 1.0
     player.play()
     ticks(loop, clock, 0.3)
-    assert (player.time_s, player.playing) == (film.end_s, False)
+    assert (player.time_s, player.playing) == (played.end_s, False)
 
 
 def test_a_branch_leaves_the_recording_until_one_comes_back(file: Path) -> None:
-    film = RepeatedFilm(file)
-    loop, player, clock = playing(film, film.world)
+    played = RepeatedRecording(file)
+    loop, player, clock = playing(played, played.world)
     player.seek(0.3)
     ticks(loop, clock, 0.1)
-    there = film.world.arm("PSM1").joints.positions()
+    there = played.world.arm("PSM1").joints.positions()
     player.leave()
     ticks(loop, clock, 0.2)
     assert not player.active
-    assert film.world.time == pytest.approx(0.5, abs=0.011)
+    assert played.world.time == pytest.approx(0.5, abs=0.011)
     player.come_back()
     ticks(loop, clock, 0.05)
     assert player.active
-    assert film.world.arm("PSM1").joints.positions().tolist() == there.tolist()
+    assert played.world.arm("PSM1").joints.positions().tolist() == there.tolist()
 
 
 def test_a_slow_log_is_played_row_by_row(tmp_path: Path) -> None:
     arm = load_arm("psm")
     motion = read_arm_motion(log(tmp_path / "log.csv"), arm)
     world = World(lone_arm_rig(arm))
-    film = MotionFilm(world, {next(iter(world.arms)): motion})
-    loop, player, clock = playing(film, world)
+    played = PlayedLog(world, {next(iter(world.arms)): motion})
+    loop, player, clock = playing(played, world)
     player.speed = 0.1
     player.play()
     ticks(loop, clock, 1.0)

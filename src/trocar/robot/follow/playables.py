@@ -1,4 +1,4 @@
-"""Recordings as films: any moment of them is shown in a world, for `trocar view`."""
+"""Recordings as recordings: any moment of them is shown in a world, for `trocar view`."""
 
 from __future__ import annotations
 
@@ -8,14 +8,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions import RigDescription
 from trocar.errors import DivergedError
 from trocar.recording import open_recording
-from trocar.recording.layout import STATE, Layout, Rows, effective_gains, joint_values, layout_of
+from trocar.recording.layout import Layout, joint_values, layout_of, present_row
 from trocar.recording.mcap_file import single
 from trocar.recording.reader import Recorded
 from trocar.robot.follow.reproduce import (
@@ -59,7 +58,7 @@ class _Saved:
     entry: int
 
 
-class RepeatedFilm:
+class RepeatedRecording:
     """A recording of trocar's, repeated: the commands that it holds act in the recorded world.
 
     States are saved on the way, so that moments of before are soon shown again; they are compared
@@ -71,7 +70,7 @@ class RepeatedFilm:
 
     Attributes:
         world: the recorded world, at the beginning of the recording
-        name, start_s, end_s, period_s, continues, notes: as of a film
+        name, start_s, end_s, period_s, continues, notes: as of a `Playable`
 
     Raises:
         LogError: no recording, or one that cannot be repeated; says why
@@ -120,10 +119,10 @@ class RepeatedFilm:
         return self.start_s + self._row_at(time_s) * self.period_s
 
     def forget(self) -> None:
-        """Note that somebody else has moved the world."""
+        """Note that the world was moved otherwise."""
         self._lost = True
 
-    def show(self, world: World, moment_s: float, budget_s: float) -> float:  # noqa: ARG002  as of a film
+    def show(self, world: World, moment_s: float, budget_s: float) -> float:  # noqa: ARG002  as of a `Playable`
         """Repeat the recording up to a moment, from the last saved state before it."""
         end = time.perf_counter() + budget_s
         row = self._row_at(moment_s)
@@ -187,11 +186,8 @@ class RepeatedFilm:
         if self._layout is None or self._layout.model is not world.mj_model:
             self._layout = layout_of(world, 0)
         number, there = expected
-        states = np.empty((1, mujoco.mj_stateSize(world.mj_model, STATE)))
-        mujoco.mj_getState(world.mj_model, world.mj_data, states[0], STATE)
-        here = single(joint_values(Rows(self._layout, effective_gains(world), row, states)))[
-            0, :, 0
-        ]
+        rows = present_row(world, self._layout, row)
+        here = single(joint_values(rows))[0, :, 0]
         if here.shape == there.shape and np.array_equal(here, there):
             return
         labels = self._labels[number]
@@ -248,7 +244,7 @@ def _part(entry: Entry, done: int, most: int) -> Entry:
     return replace(entry, values={**cut, "every": steps, "record": False})
 
 
-class MotionFilm:
+class PlayedLog:
     """Logs of real arms: their joints are put where the log has them.
 
     Joints that were not recorded stay at their upper limit, as a gripper that is open; positions
@@ -260,7 +256,7 @@ class MotionFilm:
 
     Attributes:
         world: as given
-        name, start_s, end_s, period_s, continues, notes: as of a film
+        name, start_s, end_s, period_s, continues, notes: as of a `Playable`
 
     """
 
@@ -303,9 +299,9 @@ class MotionFilm:
         return float(near[np.argmin(np.abs(near - time_s))])
 
     def forget(self) -> None:
-        """Note that somebody else has moved the world: every moment is put whole."""
+        """Note that the world was moved otherwise: every moment is put whole."""
 
-    def show(self, world: World, moment_s: float, budget_s: float) -> float:  # noqa: ARG002  as of a film
+    def show(self, world: World, moment_s: float, budget_s: float) -> float:  # noqa: ARG002  as of a `Playable`
         """Put every arm at its last row until a moment, at its first one before that."""
         for name, (times, places) in self._tracks.items():
             row = max(int(np.searchsorted(times, moment_s, side="right")) - 1, 0)

@@ -101,7 +101,7 @@ def _opened(args: Namespace) -> RepeatedRecording | PlayedLog:
 
 
 def _of_log(args: Namespace) -> PlayedLog:
-    """Return the played of a log: of one arm alone, or of those of a rig."""
+    """Open a log: of one arm alone, or of those of a rig."""
     from trocar.descriptions import load_arm, load_rig
     from trocar.descriptions.mounting import rig_with_tool
     from trocar.descriptions.rigs import lone_arm_rig

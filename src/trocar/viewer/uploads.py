@@ -116,8 +116,9 @@ def understand(
     described = home / written.name
     size = " x ".join(f"{1e3 * edge:.4g}" for edge in found["size"])
     joints = f", joints {', '.join(found['joints'])}" if found["joints"] else ""
+    kind, links = "an arm" if found["kind"] == "arm" else "an object", found["links"]
     lines = (
-        f"{'an arm' if found['kind'] == 'arm' else 'an object'}, {found['links']} link{'s' * (found['links'] != 1)}{joints}",
+        f"{kind}, {links} link{'s' * (links != 1)}{joints}",
         f"{size} mm, {found['mass']:.4g} kg, {found['triangles']} triangles,"
         f" {found['pieces']} collision shapes",
         *found["warnings"],

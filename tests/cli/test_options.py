@@ -32,6 +32,8 @@ MODES = {
     "replay --mode effort {s}/psm_log.csv.gz": "",
     "replay {s}/psm.bag": "",
     "replay {s}/run.mcap": "",
+    "view {s}/run.mcap": "--port 0 --duration 0.05",
+    "view {s}/psm_log.csv.gz": "--port 0 --duration 0.05",
     "score {s}/run.mcap": "",
     "plot {s}/run.mcap": "-o {o}/a.html",
     "predict {s}/psm_log.csv.gz": "",

@@ -2,7 +2,8 @@
 
 python tools/docs/viewer_picture.py NAME [FILE]
 
-NAME: cart, teleoperation, viewer-scene, viewer-gallery, viewer-gone or viewer-phone.
+NAME: cart, teleoperation, viewer-scene, viewer-gallery, viewer-gone, viewer-phone,
+viewer-recording or viewer-upload.
 
 Needs the extra `browser` and Chromium with its driver, which draw without a display.
 """
@@ -17,8 +18,10 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from PIL import Image
 from selenium import webdriver
@@ -26,7 +29,7 @@ from selenium.common.exceptions import TimeoutException
 from selenium.webdriver.support.wait import WebDriverWait
 
 IMAGES = Path(__file__).parents[2] / "docs" / "images"
-SERVE = ("--port", "0", "--websocket-port", "0", "--camera-rate", "4")
+SERVE = ("--port", "0", "--camera-rate", "4")
 CLOSE = "document.querySelectorAll('[class*=Notification-closeButton]').forEach(b => b.click())"
 #: Where the panels of measurements and of commands end and begin, in pixels of the picture.
 PANELS = """
@@ -59,7 +62,8 @@ class Shot:
     """A picture.
 
     Attributes:
-        command: of trocar
+        command: of trocar; {folder} is an empty one
+        before: command of trocar that ends before it
         press: what is clicked once all is drawn, in JavaScript
         window: width and height [px], so wide that the panels leave the arms free
         scale: of the window in the picture
@@ -80,6 +84,7 @@ class Shot:
     phone: bool = False
     gone: bool = False
     moved_s: float = MOVED_S
+    before: tuple[str, ...] = ()
 
 
 def press(button: str) -> str:
@@ -87,6 +92,29 @@ def press(button: str) -> str:
     found = "[...document.querySelectorAll('button')]"
     return f"{found}.find(b => b.innerText === '{button}').click()"
 
+
+#: Opens the folder of own files, scrolls to it, and uploads a hexagonal nut of 40 mm.
+UPLOAD = """
+const title = [...document.querySelectorAll('*')]
+  .find(e => e.children.length < 3 && e.innerText?.trim() === 'Own files');
+title.click();
+const corners = [[40, 0], [40, 20], [20, 0], [20, 20]];
+const points = [...Array(6).keys()].flatMap(k => corners.map(([r, z]) =>
+  `v ${(r / 1e3 * Math.cos(k * Math.PI / 3)).toFixed(6)} ${
+    (r / 1e3 * Math.sin(k * Math.PI / 3)).toFixed(6)} ${z / 1e3}`));
+const at = (k, c) => 4 * (k % 6) + c + 1;
+const faces = [...Array(6).keys()].flatMap(k => [[0, 0, 1, 1], [3, 3, 2, 2], [1, 1, 3, 3],
+  [2, 2, 0, 0]].map(([a, b, c, d]) =>
+  `f ${at(k, a)} ${at(k + 1, b)} ${at(k + 1, c)} ${at(k, d)}`));
+const files = new DataTransfer();
+files.items.add(new File([[...points, ...faces].join('\\n')], 'nut.obj'));
+setTimeout(() => {
+  const input = [...document.querySelectorAll('input[type=file]')].pop();
+  input.files = files.files;
+  input.dispatchEvent(new Event('change', {bubbles: true}));
+  title.scrollIntoView();
+}, 1500);
+"""
 
 SHOTS = {
     "cart": Shot(
@@ -108,6 +136,18 @@ SHOTS = {
     "viewer-scene": Shot(("play", "needle-pick"), press("Next seed"), "1500,860", 0.8, moved_s=1.2),
     "viewer-gallery": Shot(("play", "needle-pick"), press("Scenes and rigs"), "1200,800", 0.8),
     "viewer-gone": Shot(("play", "needle-pick"), "", "1320,700", 0.8, gone=True),
+    "viewer-recording": Shot(
+        ("view", "{folder}/run.mcap"),
+        press("Play"),
+        "1500,860",
+        0.8,
+        moved_s=2.5,
+        before=(
+            *("sim", "--headless", "--rig", "pegs", "--duration", "5"),
+            *("--record", "{folder}/run.mcap"),
+        ),
+    ),
+    "viewer-upload": Shot(("sim", "--rig", "two_psm_ecm"), UPLOAD, "1320,800", 0.9, moved_s=15.0),
     "viewer-phone": Shot(("play", "needle-pick"), press("Next seed"), "390,844", 1.0, phone=True),
 }
 
@@ -167,8 +207,15 @@ def screenshot(url: str, shot: Shot, end: Callable[[], object]) -> Image.Image:
 def main(name: str, file: Path) -> None:
     """Serve a rig and save its page."""
     shot = SHOTS[name]
-    command = [sys.executable, "-u", "-m", "trocar", *shot.command, *SERVE]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as served:
+    trocar = [sys.executable, "-u", "-m", "trocar"]
+    with ExitStack() as stack:
+        folder = stack.enter_context(TemporaryDirectory())
+        if shot.before:
+            subprocess.run([*trocar, *(w.format(folder=folder) for w in shot.before)], check=True)
+        command = [*trocar, *(word.format(folder=folder) for word in shot.command), *SERVE]
+        if shot.command[0] != "view":
+            command += ["--websocket-port", "0"]
+        served = stack.enter_context(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
         try:
             lines = iter(served.stdout or ())
             url = next(found[0] for line in lines if (found := re.search(r"http://\S+", line)))

@@ -203,3 +203,16 @@ def effective_gains(world: World) -> Array:
     """Return P, I, D and effort limit of every live servo as they act now, (s, 4)."""
     gains, limit = world.servos.effective
     return np.column_stack([gains, limit])
+
+
+def present_row(world: World, layout: Layout, number: int) -> Rows:
+    """Return the present state of a world as one row.
+
+    Args:
+        world: at rest or in motion
+        layout: of the world
+        number: of the row since the recording began
+    """
+    states = np.empty((1, mujoco.mj_stateSize(layout.model, STATE)))
+    mujoco.mj_getState(world.mj_model, world.mj_data, states[0], STATE)
+    return Rows(layout, effective_gains(world), number, states)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from trocar.live.images import Pictures
 from trocar.live.loop import Loop
+from trocar.live.player import Player
 from trocar.live.state import LoopState
 from trocar.viewer.cameras import CameraWindow
 from trocar.viewer.channel import BrowserReport, Channel
@@ -95,6 +96,7 @@ class Contents:
         note: returns HTML to show above the table of joints
         folders: make further parts of the page, in their order
         past: the moment that is shown in place of the present
+        player: of the recording that is shown; None: the world is a simulation
         waits: returns whether time waits for the first browser
         is_console: returns whether a browser's page may drive by itself, of its query
     """
@@ -117,6 +119,7 @@ class Contents:
     note: Callable[[], str] | None = None
     folders: Sequence[Callable[[Desk], Folder]] = ()
     past: LookBack | None = None
+    player: Player | None = None
     waits: Callable[[], bool] = lambda: False
     is_console: Callable[[str], bool] = lambda _: True
 
@@ -320,9 +323,21 @@ class Desk:
         self._channel.send({"bar": "", "banner": f"The simulation stopped: {error}"})
 
     @property
+    def watching(self) -> str:
+        """The reason that keeps this person from driving, where another does; "" for none."""
+        return self._contents.seats.blocked(self._who)
+
+    @property
     def seat(self) -> str:
         """The reason that keeps this browser from driving; "" for none."""
-        return self._contents.seats.blocked(self._who)
+        player = self._contents.player
+        if player is None or not player.active:
+            return self.watching
+        return self.watching or (
+            "a recording is shown: Continue from here"
+            if player.source.continues
+            else "a recording is shown"
+        )
 
     def blocked(self, arm: str) -> str:
         """Return the reason that keeps an arm from this person; "" for none."""
@@ -337,9 +352,8 @@ class Desk:
         return ""
 
     def _show_controls(self, state: LoopState) -> None:
-        seat = self._contents.seats.blocked(self._who)
         if self.panel is not None:
-            self.panel.show_time(paused=state.paused, blocked=seat)
+            self.panel.show_time(paused=state.paused, blocked=self.seat)
             self.panel.follow(state.snapshot)
             if self._plots is not None and self.panel.is_current(state.snapshot):
                 self._plots.show(self._contents.history, self.panel.arm)
@@ -393,6 +407,8 @@ class Desk:
             chips.append(f"{state.snapshot.time:.1f} s")
         if all_.waits():
             chips.append("waits until the first page is drawn")
+        elif all_.player is not None and all_.player.active:
+            chips.append("<b>recording</b>")
         elif state.paused:
             chips.append("<b>paused</b>")
         else:

@@ -20,6 +20,12 @@ HINTS: Mapping[str, str] = {
     " docs/viewer.md, Time",
     "Moment": "Continue from here begins a branch: the simulation goes on from the moment that is"
     " shown, without the policy. Now returns to the present. docs/viewer.md, Time",
+    "Moment s": "The moment of the recording that is shown, from its beginning [s]."
+    " docs/viewer.md, Recordings",
+    "Recording": "Continue from here: the simulation goes on from the moment that is shown, as a"
+    " branch. docs/viewer.md, Recordings",
+    "Moment by moment": "Back or forth by 0.1 s, or by one physics step or row of the recording.",
+    "Speed": "Recorded seconds a second.",
     "Tip handles": "Drag or turn a handle: the tip follows at 100 mm/s at most, and stays where you"
     " let go. docs/viewer.md, Hands",
     "Object handle": "While paused: drag the object's handle; it lies where you let go."
@@ -58,6 +64,13 @@ HINTS: Mapping[str, str] = {
     "Overlays": "What the scene draws into the image. docs/vision.md",
     "Last 10 s of": "Joint of the plots [deg or mm], over simulated time [s].",
     "Load": "Another rig or scene in place of this one, with pictures. docs/scenes.md",
+    "Upload a file": "STL, OBJ, URDF, MJCF, or JSON of a dVRK's system; 50 MB at most. Meshes of a"
+    " robot and arms of a system first. docs/viewer.md, Own files",
+    "Unit": "Unit of a mesh's numbers; metres where the file has none. docs/import.md",
+    "Contact": "Collide as convex pieces, or as one convex hull. docs/import.md",
+    "Movable": "An object that instruments can move; else it stands fast.",
+    "Thing": "Save: a ZIP with the rig's file for trocar sim --rig. Load: that rig in place of this"
+    " one, from its start. docs/viewer.md, Own files",
     "Driver": "One browser drives, the others watch. Request control asks the driver; without an"
     " answer it is given after 10 s.",
 }

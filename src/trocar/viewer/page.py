@@ -20,6 +20,7 @@ from trocar.live.access import PageAccess
 from trocar.live.images import Pictures
 from trocar.live.inbox import Command
 from trocar.live.loop import Loop
+from trocar.live.player import Player
 from trocar.live.state import LoopState
 from trocar.live.timeline import Timeline
 from trocar.live.tip_goals import TipGoals
@@ -32,7 +33,9 @@ from trocar.viewer.look_back import LookBack
 from trocar.viewer.measurements import History
 from trocar.viewer.notices import Notices
 from trocar.viewer.overlays import Overlays
+from trocar.viewer.own_things import BESIDE_M, OwnThings
 from trocar.viewer.panel import read_arm
+from trocar.viewer.playback import PlaybackFolder
 from trocar.viewer.plots import LastMinute, QuantityPlots
 from trocar.viewer.scene import Bodies, Drawings, stage, tips_of
 from trocar.viewer.scoreboard import SceneControls
@@ -79,6 +82,7 @@ class Page:
         note: returns HTML to show above the table of joints
         folders: make further parts of each browser's page
         past: the moment that is shown in place of the present
+        player: of the recording that is shown
         last: takes the readings of all arms
 
     Attributes:
@@ -102,6 +106,7 @@ class Page:
         note: Callable[[], str] | None = None,
         folders: Sequence[Callable[[Desk], Folder]] = (),
         past: LookBack | None = None,
+        player: Player | None = None,
         last: LastMinute | None = None,
     ) -> None:
         self.server, self._loop, self._last = server, loop, last
@@ -140,6 +145,7 @@ class Page:
             note=note,
             folders=folders,
             past=past,
+            player=player,
             waits=lambda: self.waits,
             is_console=server.page.access.is_console,
         )
@@ -251,6 +257,14 @@ class Page:
         self.server.flush()
 
 
+def _own_things(world: World, gallery: Gallery) -> Callable[[Desk], Folder]:
+    """Return the maker of the folder of a person's own files, for the rig of a world."""
+    tips = [pose[:3, 3] for pose in tips_of(world).values()]
+    place = np.mean(tips, axis=0) + BESIDE_M if tips else BESIDE_M
+    taken = (*world.arms, *(prop.name for prop in world.rig.props))
+    return partial(OwnThings, gallery=gallery, rig=world.rig.file, taken=taken, place=place)
+
+
 def serve(
     world: World,
     *,
@@ -266,6 +280,7 @@ def serve(
     access: PageAccess | None = None,
     scene: SceneControls | None = None,
     gallery: Gallery | None = None,
+    player: Player | None = None,
     start: Literal["viewer", "now"] = "now",
     framed: bool = False,
 ) -> Choice | None:
@@ -286,6 +301,7 @@ def serve(
         framed: whether pages of this machine, as notebooks, may show it in a frame
         scene: the scene of the world, with its score and its policy
         gallery: what may be loaded in place of the world; None: nothing
+        player: of a recording, which is shown in place of a simulation; a watcher of `loop`
         start: "viewer" keeps time still until a browser has drawn the scene
 
     Returns:
@@ -301,9 +317,11 @@ def serve(
     title = f"trocar: {world.rig.name}"
     with serving(host, port, title, access, sockets, framed=framed) as server:
         loop = loop or Loop(world, speed=speed)
-        timeline = Timeline(world, loop.tick_s)
-        loop.watch(timeline)
-        past = LookBack(loop, timeline, lambda: scene and scene.drives() and scene.take())
+        past = None
+        if player is None:
+            timeline = Timeline(world, loop.tick_s)
+            loop.watch(timeline)
+            past = LookBack(loop, timeline, lambda: scene and scene.drives() and scene.take())
         goals = TipGoals(loop)
         loop.watch(goals)
         handled = tuple(n for n, arm in world.arms.items() if arm.description.inverse_kinematics)
@@ -312,10 +330,12 @@ def serve(
         last = LastMinute()
         described = {name: read_arm(world, name) for name in world.arms}
         folders = (
-            partial(TimelineFolder, past=past),
+            *((partial(TimelineFolder, past=past),) if past is not None else ()),
+            *((partial(PlaybackFolder, player=player),) if player is not None else ()),
             *((hands,) if handled or things else ()),
             partial(Overlays, loop=loop),
             partial(QuantityPlots, arms=described, last=last),
+            *((_own_things(world, gallery),) if gallery is not None else ()),
         )
         page = run_there(
             server,
@@ -330,10 +350,13 @@ def serve(
                 note=note,
                 folders=folders,
                 past=past,
+                player=player,
                 last=last,
             ),
         )
         with page.notices.listening(), closing(loop), suppress(KeyboardInterrupt):
+            if player is not None:
+                loop.post(Command(WORLD, "pause"))
             if start == "viewer":
                 page.waits = loop.post(Command(WORLD, "pause"))
             loop.start(duration_s)

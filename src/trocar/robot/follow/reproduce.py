@@ -89,17 +89,17 @@ def repeat(
         InputError: another rig than the recorded one
     """
     recorded = open_recording(file)
-    world = _world(recorded, rig)
+    world = recorded_world(recorded, rig)
     for entry in recorded.past:
-        _repeat(world, entry, str(file))
-    _step_to(world, int(recorded.about["start_period"]))
+        repeat_command(world, entry, str(file))
+    step_to(world, int(recorded.about["start_period"]))
     comparison = _Comparison(recorded)
     sampler = StateSampler(world, comparison.take)
     commands = 0
     try:
         for entry in recorded.entries:
             if entry.kind == "command":
-                _repeat(world, entry, str(file))
+                repeat_command(world, entry, str(file))
                 commands += 1
                 if progress is not None:
                     progress(min(sampler.count, recorded.rows), recorded.rows)
@@ -114,7 +114,7 @@ def repeat(
     return comparison.report(commands)
 
 
-def _world(recorded: Recorded, rig: RigDescription | str | Path | None) -> World:
+def recorded_world(recorded: Recorded, rig: RigDescription | str | Path | None) -> World:
     """Build the world that was recorded.
 
     Raises:
@@ -156,8 +156,30 @@ def _world(recorded: Recorded, rig: RigDescription | str | Path | None) -> World
     return world
 
 
-def _repeat(world: World, entry: Entry, file: str) -> None:
+def repeat_command(world: World, entry: Entry, file: str) -> None:
     """Step to a command and apply it; errors of the command are part of the recording."""
+    check_repeatable(entry, file)
+    step_to(world, entry.period)
+    with contextlib.suppress(Exception):  # it was raised then, too, or the motion differs
+        apply_command(world, entry)
+
+
+def version_warnings(recorded: Recorded) -> tuple[str, ...]:
+    """List the versions that differ from those of the recording, and may explain a difference."""
+    now = versions()
+    return tuple(
+        f"recorded with {name} {value}, repeated with {now[name]}"
+        for name, value in recorded.about.items()
+        if name in now and now[name] != value
+    )
+
+
+def check_repeatable(entry: Entry, file: str) -> None:
+    """Check that the arguments of a command could be recorded.
+
+    Raises:
+        LogError: they could not
+    """
     unknown = [f"{k} = {v}" for k, v in entry.values.items() if isinstance(v, Unknown)]
     if unknown:
         raise LogError(
@@ -165,12 +187,9 @@ def _repeat(world: World, entry: Entry, file: str) -> None:
             f"cannot be repeated: the command {entry.source} {entry.name} at {entry.time:g} s"
             f" has arguments that cannot be recorded: {', '.join(unknown)}",
         )
-    _step_to(world, entry.period)
-    with contextlib.suppress(Exception):  # it was raised then, too, or the motion differs
-        apply_command(world, entry)
 
 
-def _step_to(world: World, period: int) -> None:
+def step_to(world: World, period: int) -> None:
     """Step to a command; where it diverges just before, it did so when it was recorded."""
     if world.periods < period:
         try:
@@ -218,7 +237,7 @@ class _Comparison:
 
     def report(self, commands: int) -> RepeatReport:
         """Return the result."""
-        recorded, now = self.recorded, versions()
+        recorded = self.recorded
         same = self.differs_from is None and self.periods == recorded.rows
         largest, joint, quantity = self.worst
         began = recorded.end if self.differs_from is None else self.differs_from
@@ -231,10 +250,6 @@ class _Comparison:
             identical=same,
             digest=self._digest.hexdigest(),
             difference=None if same else Difference(began, joint, quantity, largest),
-            warnings=tuple(
-                f"recorded with {name} {value}, repeated with {now[name]}"
-                for name, value in recorded.about.items()
-                if name in now and now[name] != value
-            ),
+            warnings=version_warnings(recorded),
             problem=recorded.problem,
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Collection, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from trocar.descriptions import ArmDescription
@@ -21,6 +22,39 @@ from trocar.robot.recordings.columns import choose_arm
 from trocar.robot.recordings.read import ReadSettings, arms_in, read_arm_motion
 
 
+def arm_motions(
+    path: str | Path, arms: Mapping[str, ArmDescription], how: ReadSettings | None = None
+) -> dict[str, ArmMotion]:
+    """Read the motion of every arm of a file, {name: motion}, by the arms' names in it.
+
+    Args:
+        path: a bag, a text file or a dataset
+        arms: {name: description} of the arms that may be in it
+        how: how to read it; `of` is found by the names
+
+    Raises:
+        LogError, InputError: as for `read_arm_motion`, or none of the arms is in it
+    """
+    how = how or ReadSettings()
+    found: dict[str, ArmMotion] = {}
+    failure: TrocarError | None = None
+    used: set[str | None] = set()
+    for name, arm in arms.items():
+        labels = arms_in(path, arm, how) or [""]
+        named = [label for label in labels if label.upper() in {one.upper() for one in arms}]
+        try:
+            of = choose_arm(str(path), named or labels, name, arm.type, name if named else None)
+            if of in used:
+                continue
+            found[name] = read_arm_motion(path, arm, replace(how, of=of or None))
+            used.add(of)
+        except TrocarError as problem:
+            failure = failure or problem
+    if not found:
+        raise failure or LogError(str(path), f"holds none of the arms {', '.join(arms)}")
+    return found
+
+
 def bag_of_table(
     path: str | Path, arms: Mapping[str, ArmDescription], rate_hz: float | None = None
 ) -> Bag:
@@ -32,25 +66,9 @@ def bag_of_table(
         rate_hz: of rows without times [Hz]
 
     Raises:
-        LogError, InputError: as for `read_arm_motion`, or none of the arms is in it
+        LogError, InputError: as for `arm_motions`
     """
-    found: dict[str, ArmMotion] = {}
-    failure: TrocarError | None = None
-    used: set[str | None] = set()
-    for name, arm in arms.items():
-        labels = arms_in(path, arm, ReadSettings(rate_hz=rate_hz)) or [""]
-        named = [label for label in labels if label.upper() in {one.upper() for one in arms}]
-        try:
-            of = choose_arm(str(path), named or labels, name, arm.type, name if named else None)
-            if of in used:
-                continue
-            how = ReadSettings(rate_hz=rate_hz, of=of or None)
-            found[name] = read_arm_motion(path, arm, how)
-            used.add(of)
-        except TrocarError as problem:
-            failure = failure or problem
-    if not found:
-        raise failure or LogError(str(path), f"holds none of the arms {', '.join(arms)}")
+    found = arm_motions(path, arms, ReadSettings(rate_hz=rate_hz))
 
     def messages(wanted: Collection[str]) -> Iterator[JointMessage]:
         streams = (_messages(name, one) for name, one in found.items() if topic(name) in wanted)

@@ -15,7 +15,7 @@ HINTS: Mapping[str, str] = {
     "Time": "Pause: commands given meanwhile take effect at Resume. Reset returns the rig, or the"
     " episode, to its start. docs/viewer.md",
     "Look back": "The last minute [s]: shows a moment of before, and pauses. docs/viewer.md, Time",
-    "Speed": "Simulated over wall time; below 1 is slow motion. docs/viewer.md, Time",
+    "Speed": "Simulated, or recorded, seconds over wall time. docs/viewer.md, Time",
     "Step": "While paused: a moment back or forth [s], or one physics step [ms]."
     " docs/viewer.md, Time",
     "Moment": "Continue from here begins a branch: the simulation goes on from the moment that is"
@@ -25,7 +25,6 @@ HINTS: Mapping[str, str] = {
     "Recording": "Continue from here: the simulation goes on from the moment that is shown, as a"
     " branch. docs/viewer.md, Recordings",
     "Moment by moment": "Back or forth by 0.1 s, or by one physics step or row of the recording.",
-    "Speed": "Recorded seconds a second.",
     "Tip handles": "Drag or turn a handle: the tip follows at 100 mm/s at most, and stays where you"
     " let go. docs/viewer.md, Hands",
     "Object handle": "While paused: drag the object's handle; it lies where you let go."

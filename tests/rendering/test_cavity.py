@@ -32,6 +32,7 @@ def test_tissue_reaches_all_edges_and_hides_nothing_that_is_used(name: str, seed
         with closing(Endoscope(task.world, preset="dvrk_sd_640x480", ids=True, visible=used)) as s:
             frame = s.capture()
         shares.append(np.array([frame.visible[one] for one in used]))
+        assert frame.ids is not None
         shown = {"" if k == 0 else frame.names[int(k)] for k in np.unique(frame.ids)}
         task.close()
     assert shown.isdisjoint({"", "table", "floor"}) and "cavity" in shown
@@ -60,6 +61,7 @@ def test_a_cavity_is_one_closed_surface_seen_from_inside_and_the_same_in_every_r
     _, count = np.unique(edges, axis=0, return_counts=True)
     assert (count == 2).mean() > 0.98  # but for the ring at the top
     inwards = np.array([0.0, 0.0, 0.08]) - points
+    assert first[0].normals is not None
     facing = np.einsum("ij,ij->i", inwards, first[0].normals)
     assert (facing > 0.0).mean() > 0.98
     for organ in first[1:]:

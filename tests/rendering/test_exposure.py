@@ -84,6 +84,7 @@ def test_a_white_board_is_white_and_nothing_but_highlights_saturates(style: str)
         for _ in range(5):
             frame = scope.capture_next()
             task.world.step(40)
+            assert frame.ids is not None
             shown = 255.0 * luma(frame.left).reshape(frame.ids[0].shape)
             assert np.median(shown[frame.ids[0] == board]) >= 200.0
             assert (frame.left.max(axis=-1) > 250).mean() < 0.002

@@ -63,8 +63,11 @@ class Bench:
                 stop()
             self.hands.close()
 
+    def now(self) -> float:
+        return self.loop.ask(lambda world: world.time).result()
+
     def until(self, seconds: float) -> None:
-        while self.loop.latest.time < seconds:
+        while self.now() < seconds:
             pass
 
     def settled(self, **wanted: object) -> None:
@@ -93,12 +96,12 @@ def test_a_tip_follows_its_handle_and_undo_brings_it_back(server: LocalServer) -
         goal = translation([0.01, 0.0, -0.02]) @ start
         for phase in ("start", "update", "end"):
             bench.hands.drag("PSM1", goal, phase)
-        bench.until(bench.loop.latest.time + 0.6)
+        bench.until(bench.now() + 0.6)
         assert tip(bench) == pytest.approx(goal, abs=1e-6)
         bench.refresh()
         assert np.array(bench.hands.nodes["PSM1"].position) == pytest.approx(goal[:3, 3], abs=1e-4)
         bench.hands.undo()
-        bench.until(bench.loop.latest.time + 0.6)
+        bench.until(bench.now() + 0.6)
         assert tip(bench) == pytest.approx(start, abs=1e-6)
 
 
@@ -110,7 +113,7 @@ def test_who_may_not_drive_moves_nothing(server: LocalServer) -> None:
         bench.desk.seat = "browser 1 drives"
         for phase in ("start", "update", "end"):
             bench.hands.drag("PSM1", translation([0.02, 0.0, 0.0]) @ start, phase)
-        bench.until(bench.loop.latest.time + 0.3)
+        bench.until(bench.now() + 0.3)
         assert tip(bench).tolist() == start.tolist()
         bench.refresh()
         assert not bench.hands.nodes["PSM1"].visible

@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 import urllib.error
 import urllib.request
 from pathlib import Path
@@ -180,7 +181,10 @@ def test_what_goes_wrong_in_on_ready_stops_everything() -> None:
 
     with pytest.raises(ValueError, match="no browser"):
         serve(fake(), port=0, on_ready=fail)
-    assert not [t for t in threading.enumerate() if t.name == "trocar-loop"], before
+    end = time.monotonic() + 5.0  # the thread ends just after its loop
+    while any(t.name == "trocar-loop" for t in threading.enumerate()):
+        assert time.monotonic() < end, before
+        time.sleep(0.01)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a console's Ctrl-C cannot be sent there")

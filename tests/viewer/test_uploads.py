@@ -13,6 +13,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 from viser._messages import FileTransferStartUpload
+from viser.infra._infra import ClientId
 
 from trocar.descriptions import load_rig
 from trocar.descriptions.catalogue import load_scene
@@ -177,7 +178,8 @@ def test_a_file_that_is_announced_too_large_is_never_taken(server: LocalServer) 
     (handler,) = server.gui._websock_interface._incoming_handlers[FileTransferStartUpload]
     for size in (MOST_BYTES, MOST_BYTES + 1):
         handler(
-            0, FileTransferStartUpload(folder._upload._impl.uuid, f"u{size}", "a.stl", "", 1, size)
+            ClientId(0),
+            FileTransferStartUpload(folder._upload._impl.uuid, f"u{size}", "a.stl", "", 1, size),
         )
     assert "allowed: up to 50 MB" in folder._text.content
     assert {*server.gui._current_file_upload_states} == {f"u{MOST_BYTES}"}

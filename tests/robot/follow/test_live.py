@@ -97,7 +97,8 @@ def test_the_twin_follows_a_robot_on_ros_2() -> None:
     from trocar.ros.transports.ros2 import Ros2Client, network
 
     alone = {"ROS_DOMAIN_ID": "87"}
-    words = ["--no-page", "--rig", "psm", "--ros2", "dds", "--websocket-port", "0"]
+    words = ["--no-page", "--rig", "psm", "--pose", "start", "--ros2", "dds"]
+    words += ["--websocket-port", "0"]
     with served(words, r"ROS 2.*|.*loopback.*", alone):
         source = LiveSource(Ros2Client(network(alone)))
         with twin(source) as (own, mirror):

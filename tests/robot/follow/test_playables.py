@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -140,7 +141,7 @@ class Clock:
     def now(self) -> float:
         return self.t
 
-    def sleep(self, seconds: float) -> None:
+    def sleep(self, seconds: float, until: threading.Event | None = None) -> None:  # noqa: ARG002
         self.t += seconds
 
 

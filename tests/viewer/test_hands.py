@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import SimpleNamespace
 from typing import Any
@@ -67,13 +68,17 @@ class Bench:
         return self.loop.ask(lambda world: world.time).result()
 
     def until(self, seconds: float) -> None:
-        while self.now() < seconds:
-            pass
+        self.wait(lambda: self.loop.latest.time >= seconds and self.now() >= seconds)
 
     def settled(self, **wanted: object) -> None:
         """Wait until the loop's state is as wanted."""
-        while any(getattr(self.loop.state, key) != value for key, value in wanted.items()):
-            pass
+        state = self.loop
+        self.wait(lambda: all(getattr(state.state, key) == value for key, value in wanted.items()))
+
+    def wait(self, met: Callable[[], bool]) -> None:
+        end = time.monotonic() + 60.0
+        while not met():
+            assert time.monotonic() < end, "in vain"
 
     def refresh(self) -> None:
         self.loop.ask(lambda world: world.time).result()

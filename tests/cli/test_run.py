@@ -102,8 +102,10 @@ def test_the_page_runs_as_written(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib", reason="the extra `plot` is not there")
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     page = PAGE.read_text(encoding="utf-8")
-    first, printed, more = re.findall(r"^```\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
+    blocks = re.findall(r"^```\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
+    first, printed, more, node, followed, *_ = blocks
     assert trocar(shlex.split(first)[1:], tmp_path) == printed
+    assert trocar([*shlex.split(node)[1:]], tmp_path) == followed
     for line in more.splitlines():
         trocar(shlex.split(line)[1:], tmp_path)
     assert (tmp_path / "circle.png").stat().st_size > 50_000

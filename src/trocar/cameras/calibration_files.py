@@ -171,7 +171,7 @@ class _Entries:
         return next((plain[_plain(key)] for key in keys if _plain(key) in plain), None)
 
     def warn_of_others(self, *known: str) -> None:
-        """Warn of keys that are none of the known ones."""
+        """Warn of unknown keys."""
         plain = {_plain(key): key for key in known}
         for key in self.data:
             if _plain(str(key)) not in plain:

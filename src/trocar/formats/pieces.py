@@ -226,7 +226,10 @@ def _filled(body: Any) -> Any:
     if body.is_watertight:
         return body
     filled = body.copy()
-    filled.fill_holes()
+    try:
+        filled.fill_holes()
+    except ModuleNotFoundError as problem:  # trimesh looks for it at the call
+        raise MissingExtraError("networkx", "convex", "closing a mesh's holes") from problem
     small = filled.area <= (1.0 + LARGEST_HOLES) * body.area
     return filled if filled.is_watertight and small else body
 

@@ -5,7 +5,14 @@
 
 .DEFAULT_GOAL := help
 
-BIN := .venv/bin
+# Windows has environments' programs elsewhere, and Git's bash for the recipes.
+ifeq ($(OS),Windows_NT)
+SHELL := bash
+bin := Scripts
+else
+bin := bin
+endif
+BIN := .venv/$(bin)
 comma := ,
 ARGS ?=
 # Tests run in this many processes; JOBS=0 runs them in one.
@@ -51,7 +58,7 @@ KERNELS := sse4_2:Nehalem avx2:Haswell avx512vl:SkylakeX
 
 # pip's own output is hundreds of lines, and silence for a minute looks like a hang.
 define pip
-@{ $(1)/bin/python -m pip install --progress-bar off $(2); echo "status $$?"; } | \
+@{ $(1)/$(bin)/python -m pip install --progress-bar off $(2); echo "status $$?"; } | \
 	while read -r word name rest; do case "$$word $$name" in \
 		Collecting*) printf '%s ' "$${name%%[<>=!~;[(]*}";; \
 		"Installing collected") printf '\nInstalling %s packages ...\n' "$$(($$(echo $$rest | wc -w) - 1))";; \

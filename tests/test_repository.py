@@ -155,6 +155,18 @@ def test_make_run_installs_nothing_but_wheels_with_known_hashes() -> None:
     assert "--no-deps --no-build-isolation --editable ." in installs[1]
 
 
+@pytest.mark.parametrize(("system", "programs"), [("", "bin"), ("Windows_NT", "Scripts")])
+def test_make_finds_the_environments_programs_on_every_system(system: str, programs: str) -> None:
+    said = subprocess.run(
+        ["make", "--dry-run", "--always-make", "PYTHON=python3", f"OS={system}", "test", "run"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    assert set(re.findall(r"\.venv/(\w+)/python", said)) == {programs}
+
+
 def test_the_page_on_licences_has_every_pinned_package_as_it_declares_itself() -> None:
     written = licences.written()
     assert set(written) == set(pins())

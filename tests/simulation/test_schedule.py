@@ -36,11 +36,16 @@ class Stepped:
     def step(self, steps: int) -> None:
         end = self.count + steps
         while self.count < end:
-            if self.schedule.due:
-                self.schedule.begin()
-            self.count += min(end - self.count, self.schedule.next - self.count)
-            if self.count == self.schedule.next:
-                self.schedule.look(self.count)
+            schedule = self.schedule
+            due, schedule.due = schedule.due, ()
+            for act in due:
+                act()
+            self.count += min(end - self.count, schedule.next - self.count)
+            if self.count == schedule.next:
+                looks, schedule.due, gap = schedule.phases[self.count % schedule.cycle]
+                for look in looks:
+                    look()
+                schedule.next = self.count + gap
 
 
 @given(periods=st.lists(st.integers(1, 12), min_size=1, max_size=4), chunks=CHUNKS)

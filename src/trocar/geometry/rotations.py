@@ -239,7 +239,7 @@ def matrix_from_rotation_vector(v: ArrayLike) -> Array:
     """
     v = np.asarray(v, dtype=np.float64)
     if v.shape == (3,):
-        return np.array(_rotation_rows(*v.tolist()))
+        return np.array(rotation_rows(*v.tolist()))
     angle = np.linalg.norm(v, axis=-1)[..., None, None]
     sine = np.sinc(angle / np.pi)  # sin(angle) / angle, 1 at 0
     versine = 0.5 * np.sinc(0.5 * angle / np.pi) ** 2  # (1 - cos(angle)) / angle**2, 1/2 at 0
@@ -256,11 +256,11 @@ def matrices_from_rotation_vectors(v: Array) -> Array:
     Returns:
         (n, 3, 3)
     """
-    return np.array([_rotation_rows(*row) for row in v.tolist()]).reshape(-1, 3, 3)
+    return np.array([rotation_rows(*row) for row in v.tolist()]).reshape(-1, 3, 3)
 
 
-def _rotation_rows(x: float, y: float, z: float) -> list[list[float]]:
-    """Do the same to one vector, six times as fast."""
+def rotation_rows(x: float, y: float, z: float) -> list[list[float]]:
+    """List the rows of `matrix_from_rotation_vector` of one vector, six times as fast."""
     angle = math.sqrt(x * x + y * y + z * z)
     if angle == 0.0:
         return [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]

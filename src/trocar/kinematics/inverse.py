@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from trocar.errors import InputError, SingularError, UnreachableError
 from trocar.geometry.rotations import matrix_from_rotation_vector
 from trocar.geometry.se3 import check_transform, inverse, log_transform, pose_difference
-from trocar.kinematics.closed_form import Fit, fit_chain
+from trocar.kinematics.closed_form import Fit, Nearest, fit_chain
 from trocar.kinematics.forward import pose
 from trocar.kinematics.inverse_gimbal_arm import PLATFORM
 from trocar.kinematics.inverse_rcm import DIRECTION_TOLERANCE, TIP_AT_CENTRE
@@ -152,11 +152,9 @@ def nearest_solution(
     Raises:
         UnreachableError, SingularError, InputError: as `inverse_kinematics`
     """
-    fit = fit_chain(mechanism, structure)
-    if fit.chain.nearest is not None and fit.deviation <= EXACT:
-        ends = chain_ends(mechanism, structure)
-        in_chain = ends.before.dot(T).dot(ends.after)
-        found = fit.chain.nearest(in_chain, ends.limits, seed.tolist())
+    ends = chain_ends(mechanism, structure)
+    if ends.nearest is not None:
+        found = ends.nearest(ends.before.dot(T).dot(ends.after), ends.limits, seed.tolist())
         if found is not None:
             return np.array(found)
     platform = float(seed[PLATFORM]) if structure == "gimbal_arm" else None
@@ -218,13 +216,16 @@ def nearest_start(mechanism: Mechanism, structure: str, T: Array, seed: Array) -
 class ChainEnds:
     """Inverses of the poses before and behind a chain, and the limits of its joints.
 
-    `wider` are the limits within which Newton's method may start.
+    `wider` are the limits within which Newton's method may start. `nearest` finds the solution
+    nearest to a seed of a pose between the ends, quickly; None where there is no quick way, or the
+    mechanism is not exactly the chain.
     """
 
     before: Array
     after: Array
     limits: tuple[tuple[float, float], ...]
     wider: tuple[tuple[float, float], ...]
+    nearest: Nearest | None
 
 
 @lru_cache(maxsize=64)
@@ -237,7 +238,8 @@ def chain_ends(mechanism: Mechanism, structure: str) -> ChainEnds:
         tuple(zip((joints.lower - beyond).tolist(), (joints.upper + beyond).tolist(), strict=True))
         for beyond in (np.zeros(fit.count), slack)
     )
-    return ChainEnds(inverse(fit.chain.base), inverse(fit.tip), limits, wider)
+    nearest = fit.chain.nearest if fit.deviation <= EXACT else None
+    return ChainEnds(inverse(fit.chain.base), inverse(fit.tip), limits, wider, nearest)
 
 
 def _range(mechanism: Mechanism, count: int) -> JointRange:

@@ -60,6 +60,10 @@ TIP_ON_AXIS = 1e-7
 # Source: our choice, likewise for the cosine of the pitch when the shaft lies along the yaw axis.
 SHAFT_ON_YAW_AXIS = 1e-7
 
+# Source: our own choice, more than rounding: limits of the pitch this far [rad] below a quarter
+# turn leave no room for the solutions over the top.
+NEAR_LIMIT = 1e-6
+
 # Source: our own choice: how far [rad] the pose's z axis may point
 # away from the line through the remote centre and the tip.
 DIRECTION_TOLERANCE = 1e-6
@@ -200,7 +204,9 @@ def nearest_rcm_arm(
     wrist_length, shift = geometry.wrist_length, geometry.insertion_offset - geometry.tool_length
     low3, high3 = limits[2]
     (low4, high4), (low5, high5), (low6, high6) = limits[3:]
-    _, _, _, near4, near5, near6 = seed
+    near1, near2, _, near4, near5, near6 = seed
+    (low1, high1), (low2, high2) = limits[:2]
+    upright = high2 < 0.5 * pi - NEAR_LIMIT and low2 > NEAR_LIMIT - 0.5 * pi  # no way over the top
     found: tuple[float, ...] | None = None
     for sign in (1.0, -1.0):
         bx, by, bz = sign * cx, sign * cy, sign * cz  # x5
@@ -230,11 +236,19 @@ def nearest_rcm_arm(
             if level < SHAFT_ON_YAW_AXIS:
                 return None
             yaw, pitch = atan2(ux, -uz), atan2(-uy, level)
-            for q1, q2 in ((yaw, pitch), (yaw + pi, pi - pitch)):
-                q1 = nearest_turn(q1, seed[0], limits[0])
-                q2 = None if q1 is None else nearest_turn(q2, seed[1], limits[1])
-                if q1 is None or q2 is None:
-                    continue
+            for over in (False,) if upright else (False, True):
+                turn = yaw + pi if over else yaw
+                q1 = turn + 0.0
+                if not (abs(turn - near1) < NEAR and low1 <= turn <= high1):
+                    q1 = nearest_turn(turn, near1, limits[0])
+                    if q1 is None:
+                        continue
+                turn = pi - pitch if over else pitch
+                q2 = turn + 0.0
+                if not (abs(turn - near2) < NEAR and low2 <= turn <= high2):
+                    q2 = nearest_turn(turn, near2, limits[1])
+                    if q2 is None:
+                        continue
                 s1, c1, s2, c2 = sin(q1), cos(q1), sin(q2), cos(q2)
                 turn = atan2(ex * s1 * s2 + ey * c2 - ez * c1 * s2, -ex * c1 - ez * s1)
                 q4 = turn + 0.0

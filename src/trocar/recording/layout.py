@@ -13,7 +13,7 @@ from trocar.geometry.se3 import inverse
 from trocar.modeling import naming
 from trocar.modeling.joints import INPUTS
 from trocar.simulation import World
-from trocar.simulation.object_kinematics import ObjectKinematics
+from trocar.simulation.objects import ObjectKinematics
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]

@@ -33,13 +33,15 @@ from trocar.simulation.drives import (
     spring_fields,
 )
 from trocar.simulation.frames import Frames
-from trocar.simulation.gravity_compensation import GravityCompensation
-from trocar.simulation.object_kinematics import ObjectKinematics
+from trocar.simulation.objects import ObjectKinematics
 from trocar.simulation.reading_errors import ReadingErrors
 from trocar.simulation.servos import POSITION, MotorEffort, pid_effort, read_matrix
-from trocar.simulation.supervision import GRAVITY_PERIOD_S
-from trocar.simulation.tracking import PERIOD_S as TRACKING_PERIOD_S
-from trocar.simulation.tracking import STEP
+from trocar.simulation.supervision import (
+    GRAVITY_PERIOD_S,
+    STEP,
+    TRACKING_PERIOD_S,
+    GravityCompensation,
+)
 from trocar.simulation.world import World
 
 Array = NDArray[np.float64]

@@ -216,8 +216,9 @@ class JointControl:
         self._name, self._clock, self.motors = name, clock, motors
         self.joint_names = arm.mechanism.joint_names
         self.lower, self.upper = arm.mechanism.lower, arm.mechanism.upper
-        self._range = list(zip(self.lower.tolist(), self.upper.tolist(), strict=True))
-        self._speeds = [(-joint.velocity_max, joint.velocity_max) for joint in arm.joints]
+        fastest = [joint.velocity_max for joint in arm.joints]
+        #: Lower and upper limit and largest velocity of each joint, in plain numbers.
+        self._limits = list(zip(self.lower.tolist(), self.upper.tolist(), fastest, strict=True))
         #: Joints that an effort command switched to mode "effort"; those of them that a controller
         #: switched back.
         self.switched: set[int] = set()
@@ -336,7 +337,19 @@ class JointControl:
             return False
         if m.brakes or m.welded or np.count_nonzero(m.modes[part]) or not self.states.ready:
             return False
-        if not _fit(q, v, self._range[part], self._speeds[part]):
+        limits = self._limits[part]
+        try:
+            places: Any = q.tolist() if isinstance(q, np.ndarray) else list(q)  # type: ignore[arg-type]
+            speeds: Any = places if v is None else v
+            speeds = speeds.tolist() if isinstance(speeds, np.ndarray) else list(speeds)
+            if not len(places) == len(speeds) == len(limits):
+                return False
+            for place, speed, (low, high, most) in zip(places, speeds, limits):  # noqa: B905  quick
+                if type(place) is not float or not low <= place <= high:  # NaN is neither
+                    return False
+                if v is not None and (type(speed) is not float or not -most <= speed <= most):
+                    return False
+        except TypeError:
             return False
         m.position[part] = q
         m.velocity[part] = 0.0 if v is None else v
@@ -612,30 +625,3 @@ class JointControl:
                 f"{verb} {which} held", f"{verb}: {which} stays: its brake is locked"
             )
         return np.where(locked, setpoint, inside), ~locked
-
-
-def _fit(
-    q: ArrayLike,
-    v: ArrayLike | None,
-    limits: Sequence[tuple[float, float]],
-    speeds: Sequence[tuple[float, float]],
-) -> bool:
-    """Return whether there is one number inside the limits for each joint; quickly."""
-    try:
-        found: Any = q.tolist() if isinstance(q, np.ndarray) else list(q)  # type: ignore[arg-type]
-        if len(found) != len(limits):
-            return False
-        for value, (low, high) in zip(found, limits):  # noqa: B905  as many, and often
-            if type(value) is not float or not low <= value <= high:  # NaN is neither
-                return False
-        if v is None:
-            return True
-        found = v.tolist() if isinstance(v, np.ndarray) else list(v)  # type: ignore[arg-type]
-        if len(found) != len(limits):
-            return False
-        for value, (low, high) in zip(found, speeds):  # noqa: B905
-            if type(value) is not float or not low <= value <= high:
-                return False
-    except TypeError:
-        return False
-    return True

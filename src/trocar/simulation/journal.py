@@ -60,6 +60,7 @@ class Journal:
         period, time: where the world is; the world keeps them up to date
         listeners: called with every entry
         revision: counts commands and events; nothing but motion changes between two
+        streamed: how many of them were `stream`, which changes set-points and nothing else
         inside: how many commands are under way; those that a command gives itself make no entry
         past: commands that lead here, from which a recording that begins later is repeated
     """
@@ -67,7 +68,7 @@ class Journal:
     def __init__(self) -> None:
         self.period, self.time = 0, 0.0
         self.listeners: list[Listener] = []
-        self.revision = 0
+        self.revision = self.streamed = 0
         self.inside = 0
         self.past = Past()
 
@@ -109,13 +110,9 @@ class Journal:
             own: number of its joints, behind which the jaw's is
         """
         self.revision += 1
-        past = self.past
-        if past.incomplete:
-            return
-        q, v = q.copy(), v.copy()
-        past.keep(self.period, self.time, source, "servo_jp", {"q": q[:own], "v": v[:own]})
-        if len(q) > own and not past.incomplete:
-            past.keep(self.period, self.time, source, "jaw.servo_jp", {"q": q[own:], "v": v[own:]})
+        self.streamed += 1
+        if not self.past.incomplete:
+            self.past.keep_row(self.period, self.time, source, q.copy(), v.copy(), own)
 
     def _send(
         self,
@@ -138,16 +135,28 @@ class Past:
 
     def __init__(self) -> None:
         self.incomplete = ""
-        self._kept: list[tuple[int, float, str, str, Mapping[str, object]]] = []
-        self._numbers = 0
+        #: Period, time, source, name and values of each, or set-points in place of the last two.
+        self._kept: list[
+            tuple[int, float, str, str, Mapping[str, object]]
+            | tuple[int, float, str, NDArray[Any], NDArray[Any], int]
+        ] = []
+        self._commands = self._numbers = 0
 
     @property
     def entries(self) -> list[Entry]:
         """The commands, oldest first."""
-        return [
-            Entry(period, time, "command", source, name, values)
-            for period, time, source, name, values in self._kept
-        ]
+        found: list[Entry] = []
+        for kept in self._kept:
+            if len(kept) == 5:
+                period, time, source, name, values = kept
+                found.append(Entry(period, time, "command", source, name, values))
+                continue
+            period, time, source, q, v, own = kept
+            for name, part in (("servo_jp", slice(own)), ("jaw.servo_jp", slice(own, None))):
+                if len(q[part]):
+                    values = {"q": q[part], "v": v[part]}
+                    found.append(Entry(period, time, "command", source, name, values))
+        return found
 
     def keep(
         self, period: int, time: float, source: str, name: str, values: Mapping[str, object]
@@ -156,11 +165,25 @@ class Past:
         self._kept.append((period, time, source, name, values))
         for value in values.values():
             self._numbers += value.size if isinstance(value, np.ndarray) else _numbers(value)
-        if len(self._kept) > MOST_COMMANDS or self._numbers > MOST_NUMBERS:
-            self.forget(
-                f"it began after more than {MOST_COMMANDS} commands or {MOST_NUMBERS} numbers in"
-                " them; begin it earlier"
-            )
+        self._commands += 1
+        if self._commands > MOST_COMMANDS or self._numbers > MOST_NUMBERS:
+            self._forget_many()
+
+    def keep_row(
+        self, period: int, time: float, source: str, q: NDArray[Any], v: NDArray[Any], own: int
+    ) -> None:
+        """Keep set-points of an arm as its commands, see `Journal.stream`; they belong to this."""
+        self._kept.append((period, time, source, q, v, own))
+        self._commands += 1 + (len(q) > own)
+        self._numbers += 2 * len(q)
+        if self._commands > MOST_COMMANDS or self._numbers > MOST_NUMBERS:
+            self._forget_many()
+
+    def _forget_many(self) -> None:
+        self.forget(
+            f"it began after more than {MOST_COMMANDS} commands or {MOST_NUMBERS} numbers in"
+            " them; begin it earlier"
+        )
 
     def forget(self, why: str) -> None:
         """Keep no commands until the next `restart`, for this reason."""
@@ -175,7 +198,7 @@ class Past:
         """
         self.incomplete = ""
         self._kept.clear()
-        self._numbers = 0
+        self._commands = self._numbers = 0
         for source, name, values in commands:
             if not self.incomplete:
                 self.keep(0, 0.0, source, name, values)

@@ -156,7 +156,7 @@ class Probes:
         """Return the net force of contacts and of held objects on each arm, {arm: (3,)} [N]."""
         data, on = self._acted(), self._arm_of_geom
         total = [[0.0, 0.0, 0.0] for _ in self._arms]
-        if self._welds:  # of the last step, whatever is active now
+        if self._welds and data.ne:  # of the last step, whatever is active now
             equalities: list[int] = data.efc_id[: data.ne].tolist()
             for weld, (finger, _) in self._welds:
                 if weld in equalities:
@@ -164,13 +164,14 @@ class Probes:
                     on_arm = total[int(self._arm_of_body[finger])]
                     for i, f in enumerate(data.efc_force[first : first + 3].tolist()):
                         on_arm[i] += f
-        found = data.contact
-        geoms: list[tuple[int, int]] = found.geom.tolist() if data.ncon else []
         mine: list[tuple[int, int, int]] = []  # contacts with the arms on both sides; they are few
-        for k, (a, b) in enumerate(geoms):
-            if on[a] >= 0 or on[b] >= 0:
-                mine.append((k, on[a], on[b]))
+        if data.ncon:
+            geoms: list[tuple[int, int]] = data.contact.geom.tolist()
+            for k, (a, b) in enumerate(geoms):
+                if on[a] >= 0 or on[b] >= 0:
+                    mine.append((k, on[a], on[b]))
         if mine:
+            found = data.contact
             pushes: list[float] = data.efc_force.tolist()
             firsts: list[int] = found.efc_address.tolist()
             dims: list[int] = found.dim.tolist()
@@ -188,7 +189,7 @@ class Probes:
                     if arm >= 0:
                         was = total[arm]
                         total[arm] = [was[0] + sign * x, was[1] + sign * y, was[2] + sign * z]
-        return {name: np.array(force) for name, force in zip(self._arms, total, strict=True)}
+        return dict(zip(self._arms, np.array(total), strict=True))
 
     @cached_property
     def _arm_of_body(self) -> Index:

@@ -43,41 +43,41 @@ class Phase(NamedTuple):
 class Schedule:
     """Acts of a world's parts, in the order of their entries; drawn up when parts attach.
 
-    Physics runs from one multiple to the next without a look at any part.
+    Physics runs from one multiple to the next without a look at any part. Whoever steps calls what
+    is `due` once, and once `next` is reached the looks of its phase, and brings both up to date:
+    `World.step` does so in place, which takes no call.
 
     Attributes:
+        phases: of the physics steps of a cycle, made when first asked for
+        cycle: physics steps after which phases come again
         due: each `before` that is to be called before the next physics step
         next: the next physics step at which any entry is due
     """
 
     def __init__(self, entries: Iterable[ScheduleEntry]) -> None:
-        self._entries = tuple(entries)
-        self._cycle = math.lcm(*(one.every for one in self._entries))
-        self._phases: dict[int, Phase] = {}
+        made = tuple(entries)
+        self.phases = _Phases(made)
+        self.cycle = math.lcm(*(one.every for one in made))
+        self.due: tuple[Act, ...] = ()
+        self.next = 0
         self.seek(0)
 
     def seek(self, step: int) -> None:
         """Go on from where so many physics steps were made since the reset."""
-        _, self.due, gap = self._phase(step)
+        _, self.due, gap = self.phases[step % self.cycle]
         self.next = step + gap
 
-    def look(self, step: int) -> None:
-        """Call each `look` that is due once `step`, which is `next`, is reached."""
-        looks, due, gap = self._phases.get(step % self._cycle) or self._phase(step)
-        for look in looks:
-            look()
-        self.due, self.next = due, step + gap
 
-    def begin(self) -> None:
-        """Call each `before` that is due, once."""
-        due, self.due = self.due, ()
-        for act in due:
-            act()
+class _Phases(dict[int, Phase]):
+    """The phase of each physics step of a cycle."""
 
-    def _phase(self, step: int) -> Phase:
-        step %= self._cycle
+    def __init__(self, entries: tuple[ScheduleEntry, ...]) -> None:
+        super().__init__()
+        self._entries = entries
+
+    def __missing__(self, step: int) -> Phase:
         here = [one for one in self._entries if step % one.every == 0]
-        found = self._phases[step] = Phase(
+        found = self[step] = Phase(
             tuple([one.look for one in here if one.look is not None]),
             tuple([one.before for one in here if one.before is not None]),
             min(one.every - step % one.every for one in self._entries),

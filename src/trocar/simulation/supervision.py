@@ -1,15 +1,53 @@
-"""Gravity compensation of all arms, renewed every 20 ms."""
+"""Supervision of all arms every 20 ms: gravity compensation, and tracking errors."""
 
 from __future__ import annotations
 
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.modeling.gravity import GravityModel
 from trocar.simulation.drives import Drivetrains
-from trocar.simulation.gravity_compensation import GravityCompensation
 from trocar.simulation.parts import Attached, Part, steps_in
 from trocar.simulation.tip_load import PERIOD_S as LOAD_PERIOD_S
+
+Array = NDArray[np.float64]
 
 #: Gravity compensation is renewed this often. Source: our own choice; at 0.6 rad/s a PSM's gravity
 #: torque changes by less than 0.02 N m in this time, which its servos answer with 0.2 mrad. [s]
 GRAVITY_PERIOD_S = 0.02
+#: Tracking errors are looked at this often. Source: our own choice. [s]
+TRACKING_PERIOD_S = 0.02
+#: Set-points that moved farther since the last look may have made a step, whose error is largest at
+#: its beginning. Source: our own choice; in this time the fastest joint moves by 0.1 rad, far less
+#: than its tolerance. [rad or m]
+STEP = 0.015
+
+
+class GravityCompensation:
+    """Computes the efforts that controllers feed forward, in a MjData of its own.
+
+    Args:
+        model: chains of the controllers
+        drive: as of the joint table, (J, nq)
+    """
+
+    def __init__(self, model: GravityModel, drive: Array) -> None:
+        self._model, self._drive, self._data = model, drive, mujoco.MjData(model.mj)
+
+    def write(self, qpos: Array, out: Array) -> None:
+        """Write the efforts of the joints that have coefficients; leave those of others.
+
+        Args:
+            qpos: coordinates of the rig as the encoders report them, (nq,)
+            out: written, (J,) [N m or N]
+        """
+        model, data = self._model, self._data
+        data.qpos[:] = model.couple.dot(self._drive.dot(qpos))
+        mujoco.mj_kinematics(model.mj, data)
+        mujoco.mj_comPos(model.mj, data)
+        mujoco.mj_rne(model.mj, data, 0, data.qfrc_bias)
+        np.copyto(out, data.qfrc_bias.dot(model.couple), where=model.rows)
 
 
 class Supervision(Part):
@@ -69,3 +107,59 @@ class Supervision(Part):
         drives = self._drivetrains.drives
         if drives is not None:
             self._servos.holding += drives.holding(self._physics.data.qpos)
+
+
+class Tracking(Part):
+    """Switches off arms whose joints, or whose instrument's discs, left their set-points.
+
+    Source: SAW, mtsPID.cpp: errors are those of actuators, which an instrument couples.
+    """
+
+    def __init__(self) -> None:
+        #: Positions and set-points at the last look, (J,) each; none after they were put somewhere.
+        self._before: tuple[Array, ...] = ()
+
+    def attach(self, physics: Attached) -> None:
+        """Take the physics that the arms are in."""
+        self._physics, self._servos = physics, physics.servos
+        self.before_every = steps_in(TRACKING_PERIOD_S, physics.timestep)
+
+    def placed(self, arm: str) -> None:  # noqa: ARG002  as every part
+        """Forget where joints and set-points were."""
+        self._before = ()
+
+    def save(self) -> tuple[Array, ...]:
+        """Return positions and set-points at the last look; they are never written to."""
+        return self._before
+
+    def load(self, state: tuple[Array, ...]) -> None:
+        """Restore what `save` returned."""
+        self._before = state
+
+    def before_step(self) -> None:
+        """Look at tracking errors, of a step of set-points from where joints were before it."""
+        servos, before = self._servos, self._before
+        q, beyond = servos.beyond()
+        setpoint = servos.setpoint[:, 0].copy()
+        self._before = q, setpoint
+        if beyond is None and before:
+            moved = setpoint - before[1]
+            far = moved.dot(moved) > 0.99 * STEP**2  # quick, and true where any is far
+            if far and abs(moved).max() > STEP:
+                _, beyond = servos.beyond(before[0])
+        if beyond is None:
+            return
+        for arm in self._physics.arms.values():
+            motors, described = arm.runtime.motors, arm.description
+            if motors.welded:
+                continue
+            coupled = described.own_joints - 3 if described.coupling else 0
+            joints = [
+                f"{joint.name}{' disc' if coupled and k > 2 else ''} ({found:.3g} {unit},"
+                f" allowed {joint.tracking_tolerance:g})"
+                for k, joint in enumerate(described.joints)
+                if (found := beyond[motors.index.rows.start + k])
+                for unit in ("m" if joint.kind == "prismatic" else "rad",)
+            ]
+            if joints:
+                arm.runtime.states.fault(f"tracking error of {', '.join(joints)}")

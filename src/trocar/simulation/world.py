@@ -55,13 +55,12 @@ from trocar.simulation.sensor_errors import SensorErrors
 from trocar.simulation.servos import Servos
 from trocar.simulation.setpoint_table import SetpointPlayer, check_playable, fastest
 from trocar.simulation.shapes import band_poses, shape_records
-from trocar.simulation.supervision import Supervision
+from trocar.simulation.supervision import Supervision, Tracking
 from trocar.simulation.threads import ThreadProp
 from trocar.simulation.tip_load import TipLoad
 from trocar.simulation.tissue.drawings import TissueDrawings
 from trocar.simulation.tissue.tissues import SoftTissue
 from trocar.simulation.tool_exchange import carry, engaged, keep_settings, warn_of_clipped
-from trocar.simulation.tracking import Tracking
 
 Array = NDArray[np.float64]
 P = TypeVar("P", bound=Part)
@@ -412,12 +411,14 @@ class World:
         bad, period = self._alarms, journal.period
         end = period + n
         while period < end:
-            if journal.revision != self._attended:
+            if journal.revision - journal.streamed != self._attended:
                 self._attend()
             if self._moving:
                 self._follow()
             if schedule.due:
-                schedule.begin()
+                due, schedule.due = schedule.due, ()
+                for act in due:
+                    act()
             if self._acts:
                 for act in self._acts:
                     act()
@@ -432,7 +433,10 @@ class World:
             if bad[BAD_QPOS] or bad[BAD_QVEL] or bad[BAD_QACC]:
                 self._diverged(run)
             if period == schedule.next:
-                schedule.look(period)
+                looks, due, gap = schedule.phases[period % schedule.cycle]
+                for look in looks:
+                    look()
+                schedule.due, schedule.next = due, period + gap
             for observer, _ in self._observers:
                 observer()
 
@@ -1007,7 +1011,7 @@ class World:
 
     def _attend(self) -> None:
         """Find, after commands, which arms move and what acts before the next physics steps."""
-        self._attended = self.journal.revision
+        self._attended = self.journal.revision - self.journal.streamed
         self._moving: list[Arm] = []
         for arm in self.arms.values():  # loops: a comprehension is one more call
             if arm.runtime.active:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -379,7 +379,7 @@ class Task:
         states = self.referee.states
         true = np.concatenate([states.positions, states.quaternions], axis=1)
         seen = drawn.sight.see(true[None])[0]
-        return replace(states, positions=seen[:, :3], quaternions=seen[:, 3:])
+        return states._replace(positions=seen[:, :3], quaternions=seen[:, 3:])
 
     def _check_reach(self, name: str, at: Array) -> None:
         """Reject a place that no driven instrument reaches, pointing straight down."""

@@ -60,8 +60,8 @@ TIP_ON_AXIS = 1e-7
 # Source: our choice, likewise for the cosine of the pitch when the shaft lies along the yaw axis.
 SHAFT_ON_YAW_AXIS = 1e-7
 
-# Source: our own choice, more than rounding: limits of the pitch this far [rad] below a quarter
-# turn leave no room for the solutions over the top.
+# Source: our own choice, more than rounding: limits that end this far [rad] below a quarter or half
+# a turn leave no room for what lies there.
 NEAR_LIMIT = 1e-6
 
 # Source: our own choice: how far [rad] the pose's z axis may point
@@ -206,7 +206,9 @@ def nearest_rcm_arm(
     (low4, high4), (low5, high5), (low6, high6) = limits[3:]
     near1, near2, _, near4, near5, near6 = seed
     (low1, high1), (low2, high2) = limits[:2]
-    upright = high2 < 0.5 * pi - NEAR_LIMIT and low2 > NEAR_LIMIT - 0.5 * pi  # no way over the top
+    # Neither the solutions over the top nor a whole turn of the last joint are inside the limits.
+    upright = high2 < 0.5 * pi - NEAR_LIMIT and low2 > NEAR_LIMIT - 0.5 * pi
+    single = high6 < pi - NEAR_LIMIT and low6 > NEAR_LIMIT - pi
     found: tuple[float, ...] | None = None
     for sign in (1.0, -1.0):
         bx, by, bz = sign * cx, sign * cy, sign * cz  # x5
@@ -216,6 +218,8 @@ def nearest_rcm_arm(
             return None
         ex, ey, ez = by * a22 - bz * a12, bz * a02 - bx * a22, bx * a12 - by * a02  # x5 x z6
         turn = atan2(bx * a00 + by * a10 + bz * a20, ex * a00 + ey * a10 + ez * a20)
+        if single and not low6 - LIMIT_TOLERANCE <= turn <= high6 + LIMIT_TOLERANCE:
+            continue
         q6 = turn + 0.0  # where `nearest_turn` has it, too: a call less for most angles
         if not (abs(turn - near6) < NEAR and low6 <= turn <= high6):
             q6 = nearest_turn(turn, near6, limits[5])

@@ -233,11 +233,13 @@ class Frames:
         self._pose()
         return self._tip[name].pose()
 
-    def tip_poses(self, names: Iterable[str]) -> dict[str, Array]:
-        """Return tips of arms that `follows` in the world, {arm: (4, 4)}, in one go."""
+    def tip_poses(self, names: Iterable[str]) -> dict[str, Array] | None:
+        """Return tips of arms in the world, {arm: (4, 4)}, in one go; None unless all `follows`."""
         self._pose()
         found: dict[str, Array] = {}
         for name in names:
+            if name not in self._linkages:
+                return None
             T = found[name] = IDENTITY.copy()
             site = self._tip[name]
             T[:3, :3], T[:3, 3] = site.turn, site.at

@@ -153,12 +153,13 @@ class Grasps(Part):
     def _find_jaws(self, rig: RigDescription, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Take the physics that the jaws are in, with nothing held."""
         self._model, self._data = model, data
+        self._axes, self._origins = data.xmat.reshape(-1, 3, 3), data.xpos
         self._jaws, self._faces = find_jaws(rig, model, self.objects)
         bodies = [model.body(name).id for name in self.objects]
         self._bodies = np.array(bodies, dtype=np.intp)
         #: Root of the tree of each: itself, or the body that a thread is tied to. All forces on a
         #: tree are those on the six degrees of freedom of its root.
-        self._roots = model.body_rootid[self._bodies]
+        self._roots: list[int] = model.body_rootid[self._bodies].tolist()
         self._dofs = [slice(k := int(model.body_dofadr[root]), k + 6) for root in self._roots]
         finger, held = np.full(model.nbody, -1), np.full(model.nbody, -1)
         for row, jaws in enumerate(self._jaws):
@@ -226,8 +227,8 @@ class Grasps(Part):
             return
         contacts: dict[tuple[int, int], list[int]] = {}  # (jaws, object): contacts
         force: dict[tuple[int, int], float] = {}  # (finger, object): across its face [N]
-        touching, fingers, objects = data.contact, self._finger_of, self._held_of
-        geoms: list[tuple[int, int]] = touching.geom.tolist() if data.ncon else []
+        fingers, objects = self._finger_of, self._held_of
+        geoms: list[tuple[int, int]] = data.contact.geom.tolist() if data.ncon else []
         pads: list[tuple[int, int, int]] = []  # contacts of fingers with objects; they are few
         for k, (one, two) in enumerate(geoms):
             finger = fingers[one] if fingers[one] >= 0 else fingers[two]
@@ -235,6 +236,7 @@ class Grasps(Part):
             if finger >= 0 and held >= 0:
                 pads.append((k, finger, held))
         if pads:
+            touching = data.contact
             firsts: list[int] = touching.efc_address.tolist()
             pushes, normals = data.efc_force, touching.frame[:, :3]
             across: dict[int, Array] = {}  # normals of fingers' faces in the world
@@ -244,7 +246,7 @@ class Grasps(Part):
                 contacts.setdefault((finger // 2, held), []).append(k)
                 if finger not in across:
                     body, face = self._faces[finger]  # its edges do not press
-                    across[finger] = data.xmat[body].reshape(3, 3).dot(face)
+                    across[finger] = self._axes[body].dot(face)
                 squeeze = float(pushes[first] * normals[k].dot(across[finger]))
                 force[finger, held] = force.get((finger, held), 0.0) + abs(squeeze)
         for row in range(len(self._jaws)):
@@ -421,7 +423,7 @@ class Grasps(Part):
         if self._kind == "friction":
             return float("nan"), 0.0
         data, finger = self._data, self._jaws[row].bodies[0]
-        found, body = data.contact, int(self._roots[hold.object])
+        found, body = data.contact, self._roots[hold.object]
         firsts, sizes = found.efc_address.tolist(), found.dim.tolist()
         rows: list[int] = []
         for c in contacts:
@@ -431,11 +433,11 @@ class Grasps(Part):
             rows += range(first, first + WELD_ROWS)
         jacobian = data.efc_J.reshape(-1, self._model.nv).take(rows, axis=0)
         push = data.efc_force.take(rows).dot(jacobian[:, self._dofs[hold.object]])
-        facing = data.xmat[finger].reshape(3, 3)
+        facing, origins = self._axes[finger], self._origins
         turn = facing.dot(hold.axes)
-        x, y, z = (data.xpos[finger] + facing.dot(hold.centre) - data.xpos[body]).tolist()
+        x, y, z = (origins[finger] + facing.dot(hold.centre) - origins[body]).tolist()
         fx, fy, fz = push[:3].tolist()
-        torque = data.xmat[body].reshape(3, 3).dot(push[3:])
+        torque = self._axes[body].dot(push[3:])
         torque -= (y * fz - z * fy, z * fx - x * fz, x * fy - y * fx)
         force, torque = push[:3].dot(turn).tolist(), torque.dot(turn).tolist()
         both = max(right + max(right + force[2], 0.0), 1e-9)

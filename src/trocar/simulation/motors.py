@@ -57,7 +57,8 @@ class Motors:
             self.modes, self.gains = servos.modes[rows], servos.gains[rows]
             self.limit, self.locked = servos.limit[rows], servos.locked[rows]
             self.fingers = servos.table.fingers[rows]
-        self._act = data.act[rows]
+        self._act, self._qpos = data.act[rows], data.qpos
+        self._drive = servos.table.drive[rows]
         self._holding = servos.holding[rows]
         self._motors = MotorEffort(servos.table, rows)
         self._still = np.zeros((3, count))
@@ -86,7 +87,8 @@ class Motors:
         """Return measured positions, (n,) [rad or m]."""
         if self.welded:
             return self.position.copy()
-        return self._servos.table.drive[self.index.rows].dot(self._servos.qpos())
+        errors = self._servos.errors
+        return self._drive.dot(self._qpos if errors is None else errors.qpos())
 
     def load(self) -> Array:
         """Return the efforts that hold the links' weight, renewed with it, (n,)."""

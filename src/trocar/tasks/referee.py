@@ -96,12 +96,14 @@ class Referee:
         self.time = 0.0
         self.held: dict[str, str] = {}
         self.tips = self._true_tips()
+        #: Where each tip was at the last reading [m].
+        self._were: dict[str, list[float]] = {n: T[:3, 3].tolist() for n, T in self.tips.items()}
         self._read_at = -1, -1
 
     def read(self) -> None:
         """Read objects, grasps, forces and tips, and count drops; once in every period."""
-        world, before = self._world, self.held
-        self._read_at = world.periods, world.journal.revision
+        world, before, journal = self._world, self.held, self._world.journal
+        self._read_at = journal.period, journal.revision
         self.states = world.object_states()
         self.time, self.held = self.states.time, {}
         for arm, grasp in world.grasps().items():
@@ -113,13 +115,15 @@ class Referee:
             if name:
                 self.held[arm] = name
         for arm, force in world.contact_forces().items():
-            if arm in self.force:
+            if arm in self.force and np.count_nonzero(force):
                 self.force[arm] = max(self.force[arm], math.hypot(*force.tolist()))
         if before or self._fell_from:
             self._count_drops(set(before.values()), set(self.held.values()))
-        tips, last = self._measured_tips() if world.errors is None else self._true_tips(), self.tips
+        tips = self._measured_tips() if world.errors is None else self._true_tips()
         for name, T in tips.items():
-            self.distance[name] += math.dist(T[:3, 3].tolist(), last[name][:3, 3].tolist())
+            at = T[:3, 3].tolist()
+            self.distance[name] += math.dist(at, self._were[name])
+            self._were[name] = at
         self.tips = tips
 
     def judge(
@@ -217,8 +221,8 @@ class Referee:
 
         They are read again if anything moved.
         """
-        world = self._world
-        if self._read_at != (world.periods, world.journal.revision):
+        world, journal = self._world, self._world.journal
+        if self._read_at != (journal.period, journal.revision):
             return world.object_states(), self._measured_tips()
         return self.states, self.tips if world.errors is None else self._measured_tips()
 
@@ -240,10 +244,10 @@ class Referee:
     def _measured_tips(self) -> dict[str, Array]:
         """Return the measured tips of the driven arms in the world now, {arm: (4, 4)}."""
         arms, frames = self._arms, self._world.frames
-        for name in arms:
-            if not frames.follows(name):
-                return {name: arm.measured_cp("world").matrix for name, arm in arms.items()}
-        return frames.tip_poses(arms)
+        found = frames.tip_poses(arms)
+        if found is None:
+            return {name: arm.measured_cp("world").matrix for name, arm in arms.items()}
+        return found
 
     def _true_tip(self, arm: str) -> Array:
         """Return the true pose of a tip in the world, whatever its encoders report, (4, 4)."""

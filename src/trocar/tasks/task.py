@@ -170,7 +170,7 @@ class Task:
     def look(self) -> None:
         """Read, measure and judge; call it every period, also when others command the arms."""
         referee = self.referee
-        if self.world.time < referee.time:  # somebody else reset it
+        if self.world.journal.time < referee.time:  # somebody else reset it
             self.begin()
         if referee.ending is Ending.RUNNING:
             referee.read()
@@ -211,7 +211,7 @@ class Task:
             if goal.on not in hidden:
                 seen.append(self.place_seen(goal, at) if goal.on else at)
         found["goals"] = np.array(seen).reshape(-1, 3)
-        found["time"] = np.array([self.world.time])
+        found["time"] = np.array([self.world.journal.time])
         return found
 
     def state(self) -> dict[str, Any]:

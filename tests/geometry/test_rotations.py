@@ -128,6 +128,14 @@ def test_rotation_vectors_return_at_angles_near_zero_and_near_pi(rng, gap):
         assert error.max() < 4e-15
 
 
+def test_many_rotation_vectors_make_the_matrices_of_each_alone_to_the_last_bit(rng):
+    drawn, still = rng.standard_normal((200, 3)), np.zeros((2, 3))
+    v = np.concatenate([drawn, 1e-9 * drawn, still])
+    alone = [r.matrix_from_rotation_vector(one) for one in v]
+    np.testing.assert_array_equal(r.matrices_from_rotation_vectors(v), alone)
+    assert r.matrices_from_rotation_vectors(still[:0]).shape == (0, 3, 3)
+
+
 def test_small_rotation_vectors_return_with_relative_precision(rng):
     v = random_axes(rng) * 10.0 ** rng.uniform(-250, -1, (2000, 1))
     back = r.rotation_vector_from_matrix(r.matrix_from_rotation_vector(v))

@@ -256,7 +256,23 @@ def matrices_from_rotation_vectors(v: Array) -> Array:
     Returns:
         (n, 3, 3)
     """
-    return np.array([rotation_rows(*row) for row in v.tolist()]).reshape(-1, 3, 3)
+    x, y, z = v.T
+    angle = np.sqrt(x * x + y * y + z * z)
+    still = angle == 0.0
+    length = np.where(still, 1.0, angle)
+    x, y, z = x / length, y / length, z / length
+    # functions of plain numbers, since numpy's own round otherwise on some processors
+    c, s = np.array([*map(math.cos, angle.tolist())]), np.array([*map(math.sin, angle.tolist())])
+    half = np.array([*map(math.sin, (0.5 * angle).tolist())])
+    w = 2.0 * half * half
+    rows = (
+        *(c + w * x * x, w * x * y - s * z, w * x * z + s * y),
+        *(w * y * x + s * z, c + w * y * y, w * y * z - s * x),
+        *(w * z * x - s * y, w * z * y + s * x, c + w * z * z),
+    )
+    found = np.stack(rows, axis=-1).reshape(-1, 3, 3)
+    found[still] = np.eye(3)
+    return found
 
 
 def rotation_rows(x: float, y: float, z: float) -> list[list[float]]:

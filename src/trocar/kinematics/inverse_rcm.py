@@ -60,9 +60,9 @@ TIP_ON_AXIS = 1e-7
 # Source: our choice, likewise for the cosine of the pitch when the shaft lies along the yaw axis.
 SHAFT_ON_YAW_AXIS = 1e-7
 
-# Source: our own choice, more than rounding: limits that end this far [rad] below a quarter or half
-# a turn leave no room for what lies there.
-NEAR_LIMIT = 1e-6
+# Source: our own choice, more than rounding: an angle whose limits end this far [rad] before a
+# quarter turn has a positive cosine.
+ACUTE = 1e-6
 
 # Source: our own choice: how far [rad] the pose's z axis may point
 # away from the line through the remote centre and the tip.
@@ -206,9 +206,7 @@ def nearest_rcm_arm(
     (low4, high4), (low5, high5), (low6, high6) = limits[3:]
     near1, near2, _, near4, near5, near6 = seed
     (low1, high1), (low2, high2) = limits[:2]
-    # Neither the solutions over the top nor a whole turn of the last joint are inside the limits.
-    upright = high2 < 0.5 * pi - NEAR_LIMIT and low2 > NEAR_LIMIT - 0.5 * pi
-    single = high6 < pi - NEAR_LIMIT and low6 > NEAR_LIMIT - pi
+    upright, narrow = _acute(limits[1]), _acute(limits[5])
     found: tuple[float, ...] | None = None
     for sign in (1.0, -1.0):
         bx, by, bz = sign * cx, sign * cy, sign * cz  # x5
@@ -217,9 +215,10 @@ def nearest_rcm_arm(
         if norm < WRIST_AT_CENTRE:
             return None
         ex, ey, ez = by * a22 - bz * a12, bz * a02 - bx * a22, bx * a12 - by * a02  # x5 x z6
-        turn = atan2(bx * a00 + by * a10 + bz * a20, ex * a00 + ey * a10 + ez * a20)
-        if single and not low6 - LIMIT_TOLERANCE <= turn <= high6 + LIMIT_TOLERANCE:
+        cosine = ex * a00 + ey * a10 + ez * a20
+        if narrow and cosine <= 0.0:
             continue
+        turn = atan2(bx * a00 + by * a10 + bz * a20, cosine)
         q6 = turn + 0.0  # where `nearest_turn` has it, too: a call less for most angles
         if not (abs(turn - near6) < NEAR and low6 <= turn <= high6):
             q6 = nearest_turn(turn, near6, limits[5])
@@ -305,7 +304,10 @@ def nearest_rcm_arms(
     x6, y6, z6 = a00[at], a10[at], a20[at]
     x, y, z = a02[at], a12[at], a22[at]
     ex, ey, ez = by * z - bz * y, bz * x - bx * z, bx * y - by * x  # x5 x z6
-    q6 = near(_each(atan2, bx * x6 + by * y6 + bz * z6, ex * x6 + ey * y6 + ez * z6), 5, at)
+    sine, cosine = bx * x6 + by * y6 + bz * z6, ex * x6 + ey * y6 + ez * z6
+    sides = np.flatnonzero(cosine > 0.0) if _acute(limits[5]) else np.arange(2 * count)
+    q6 = np.full(2 * count, np.nan)
+    q6[sides] = near(_each(atan2, sine[sides], cosine[sides]), 5, at[sides])
     # Candidates that pass a limit are left out from here on.
     sides = np.repeat(np.flatnonzero(~np.isnan(q6)), 2)
     depth = norm[sides] * np.where(np.arange(len(sides)) % 2, -1.0, 1.0)
@@ -323,9 +325,11 @@ def nearest_rcm_arms(
     level = _each(hypot, ux, uz)
     undetermined[at[sides[level < SHAFT_ON_YAW_AXIS]]] = True
     yaw, pitch = _each(atan2, ux, -uz), _each(atan2, -uy, level)
-    both = np.stack([yaw, yaw + pi], axis=1).ravel(), np.stack([pitch, pi - pitch], axis=1).ravel()
-    sides, q3, q5 = np.repeat(sides, 2), np.repeat(q3, 2), np.repeat(q5, 2)
-    q1, q2 = near(both[0], 0, at[sides]), near(both[1], 1, at[sides])
+    if not _acute(limits[1]):  # over the top, too
+        yaw = np.stack([yaw, yaw + pi], axis=1).ravel()
+        pitch = np.stack([pitch, pi - pitch], axis=1).ravel()
+        sides, q3, q5 = np.repeat(sides, 2), np.repeat(q3, 2), np.repeat(q5, 2)
+    q1, q2 = near(yaw, 0, at[sides]), near(pitch, 1, at[sides])
     fits = ~(np.isnan(q1) | np.isnan(q2))
     sides, q1, q2, q3, q5 = sides[fits], q1[fits], q2[fits], q3[fits], q5[fits]
     s1, c1, s2, c2 = _each(sin, q1), _each(cos, q1), _each(sin, q2), _each(cos, q2)
@@ -354,6 +358,12 @@ def _nearest(branches: Array, seed: Sequence[float], limits: Limits) -> Sequence
         if isinf(best) or nearer(far, q, best, found):
             best, found = far, q
     return found
+
+
+def _acute(limits: tuple[float, float]) -> bool:
+    """Return whether angles inside limits have positive cosines, so that one branch is enough."""
+    low, high = limits
+    return high < 0.5 * pi - ACUTE and low > ACUTE - 0.5 * pi
 
 
 def _each(function: Callable[..., float], *values: Array) -> Array:

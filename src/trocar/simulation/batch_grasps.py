@@ -189,10 +189,12 @@ class WeldedGrasps:
         used = 2 * len(jaws) * len(self.objects) * CONTACTS * WIDTH
         self._sensed: Array = rows.bind("sensordata")[:, int(self._model.nsensordata) - used :]
         self.held = np.full((rows.nsim, len(jaws)), NOTHING)
+        #: Worlds in which a jaw held or pressed something at the last look.
+        self._busy = np.zeros(rows.nsim, np.bool_)
 
     def forget(self, worlds: Index) -> None:
         """Begin anew in some worlds, with nothing held."""
-        self.held[worlds] = NOTHING
+        self.held[worlds], self._busy[worlds] = NOTHING, False
         numbers: list[int] = worlds.tolist()
         for world in numbers:
             self._each[world].begin()
@@ -202,11 +204,9 @@ class WeldedGrasps:
     def look(self, worlds: Index) -> None:
         """Take hold and let go in some worlds, as contacts of the last step tell."""
         touched: Bools = np.logical_or.reduce(self._sensed[worlds] != 0.0, axis=1)
-        numbers: list[int] = worlds.tolist()
-        for world, touches in zip(numbers, touched, strict=True):
+        numbers: list[int] = worlds[touched | self._busy[worlds]].tolist()
+        for world in numbers:
             grasps = self._each[world]
-            if not touches and grasps.idle:
-                continue
             self._rows.get_data(world, self._data)
             for own, rows, _ in self._fields:
                 own[...] = rows[world]
@@ -216,3 +216,4 @@ class WeldedGrasps:
             self._active[world] = self._data.eq_active
             for column, one in enumerate(grasps.read().values()):
                 self.held[world, column] = self.objects.index(one.object) if one.object else NOTHING
+            self._busy[world] = not grasps.idle

@@ -347,8 +347,9 @@ class Frames:
         """
         bodies = self.bodies()
         mujoco.mj_comPos(self._model, bodies)
-        mujoco.mj_rne(self._model, bodies, 0, bodies.qfrc_inverse)
-        return self.joint_efforts(bodies.qfrc_inverse, out)
+        forces = bodies.qfrc_inverse
+        mujoco.mj_rne(self._model, bodies, 0, forces)
+        return self.joint_efforts(forces, out)
 
     def joint_efforts(self, forces: Array, out: Array) -> Array:
         """Return the joint efforts that do the work of forces on all hinges, (J,) [N m or N].

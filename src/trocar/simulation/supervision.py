@@ -82,8 +82,8 @@ class Supervision(Part):
         holding = self._servos.holding
         kept = holding.copy() if arm else None
         self._physics.true_frames.holding_efforts(holding)
-        self._add_springs()
-        self._take_coefficients()
+        if self._drivetrains.drives is not None or self._coefficients is not None:
+            self._correct()
         if kept is not None:
             rows = self._physics.joints.arms[arm].rows
             kept[rows] = holding[rows]
@@ -94,19 +94,16 @@ class Supervision(Part):
         """Feed forward what holds every motor's load from the bias forces of arms at rest."""
         data = self._physics.data
         self._physics.true_frames.joint_efforts(data.qfrc_bias, self._servos.holding)
-        self._add_springs()
-        self._take_coefficients()
+        self._correct()
         self._servos.write_efforts()
 
-    def _take_coefficients(self) -> None:
-        """Have the efforts that controllers with coefficients compute, in place of the true."""
-        if self._coefficients is not None:
-            self._coefficients.write(self._servos.qpos(), self._servos.holding)
-
-    def _add_springs(self) -> None:
-        drives = self._drivetrains.drives
+    def _correct(self) -> None:
+        """Add efforts of springs; controllers with coefficients replace the sum by their own."""
+        drives, holding = self._drivetrains.drives, self._servos.holding
         if drives is not None:
-            self._servos.holding += drives.holding(self._physics.data.qpos)
+            holding += drives.holding(self._physics.data.qpos)
+        if self._coefficients is not None:
+            self._coefficients.write(self._servos.qpos(), holding)
 
 
 class Tracking(Part):

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions.scenes import Goal, Scene
-from trocar.simulation.objects import ObjectStates
+from trocar.simulation.grasps import Grasps
+from trocar.simulation.objects import Objects, ObjectStates
 from trocar.tasks.controller import TipController
 from trocar.tasks.scoring import fls_score
 
@@ -68,11 +69,12 @@ class Referee:
     def __init__(self, scene: Scene, controller: TipController) -> None:
         self._scene, self._controller, self._world = scene, controller, controller.world
         self._arms = {name: self._world.arms[name] for name in controller.arms}
+        self._objects, self._grasps = self._world.part(Objects), self._world.part(Grasps)
         self._rows = {name: row for row, name in enumerate(self._world.objects)}
         self.goals: tuple[tuple[Goal, Array], ...] = ()
         self._floor = -np.inf
         self.reported: Mapping[str, str] = {}
-        self.states = self._world.object_states()
+        self.states = self._objects.states()
         self.begin()
 
     def place_goals(self, rng: np.random.Generator) -> None:
@@ -104,9 +106,9 @@ class Referee:
         """Read objects, grasps, forces and tips, and count drops; once in every period."""
         world, before, journal = self._world, self.held, self._world.journal
         self._read_at = journal.period, journal.revision
-        self.states = world.object_states()
+        self.states = self._objects.states()
         self.time, self.held = self.states.time, {}
-        for arm, grasp in world.grasps().items():
+        for arm, grasp in self._grasps.read().items():
             if grasp.object and arm in self.grip:
                 self.held[arm] = grasp.object
                 self.grip[arm] = max(self.grip[arm], grasp.force)
@@ -223,7 +225,7 @@ class Referee:
         """
         world, journal = self._world, self._world.journal
         if self._read_at != (journal.period, journal.revision):
-            return world.object_states(), self._measured_tips()
+            return self._objects.states(), self._measured_tips()
         return self.states, self.tips if world.errors is None else self._measured_tips()
 
     def position(self, name: str) -> Array:

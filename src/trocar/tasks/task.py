@@ -99,6 +99,8 @@ class Task:
         self.arms = scene.arms
         self.controller = TipController(self.world, scene.arms, scene.name)
         self.referee = Referee(scene, self.controller)
+        #: Judges goals: without a class's own rule straight the referee, which saves a call each.
+        self._met = self.referee.met if type(self).met is Task.met else self.met
         #: Draws the world at each reset, None for one that is always the same.
         self.randomised: RandomisedWorld | None = None
         if scene.randomisation != Randomisation() or scene.tips != "robot":
@@ -178,7 +180,7 @@ class Task:
                 referee.states if self.randomised is None else self._see(self.randomised)
             )
             self.measure()
-            referee.judge(self.met, self.accomplished)
+            referee.judge(self._met, self.accomplished)
 
     def observation(self) -> dict[str, Array]:
         """Return the observation of a policy, in the world and in SI.

@@ -114,6 +114,15 @@ def test_an_episode_with_a_grasp_is_that_of_a_task(grasp):
     assert batch.success.all()
 
 
+def test_goals_of_a_later_stage_count_in_a_batch_once_those_before_are_met():
+    scene = load_scene("dual-reach")
+    first, second = scene.goals
+    staged = replace(scene, goals=(first, replace(second, stage=1)))
+    batch = SceneBatch(staged, 2, threads=1)
+    check_same(batch, [make_task(staged), make_task(staged)], 200)
+    assert batch.success.all()
+
+
 def test_an_object_that_a_world_holds_is_free_after_its_reset():
     batch, fresh = SceneBatch("needle-pick", 2, threads=1), SceneBatch("needle-pick", 2, threads=1)
     task = task_of("needle-pick")

@@ -339,6 +339,7 @@ class SceneBatch:
         self._radius = np.array([goal.radius for goal in goals])
         self._height = np.array([goal.height for goal in goals])
         self._stages = np.array([goal.stage for goal in goals])
+        self._last_stage = int(self._stages.max())
         self._goal_object = np.array([rows.get(goal.object, NOTHING) for goal in goals])
         self._on = np.array([rows.get(goal.on, NOTHING) for goal in goals])
         #: Goals of tips, by arm; of those, whether they are beside an object.
@@ -619,11 +620,13 @@ class SceneBatch:
         settling = self._settling[which]
         settling = np.where(every, np.where(np.isnan(settling), time, settling), np.nan)
         settled = time - settling >= SETTLED_S
-        later = np.where(self._stages > stage, self._stages, np.iinfo(np.intp).max).min(axis=1)
-        goes_on = settled & (later < np.iinfo(np.intp).max)
-        self._stage[which] = np.where(goes_on, later, self._stage[which])
-        self._settling[which] = np.where(goes_on, np.nan, settling)
-        settled &= ~goes_on
+        goes_on = settled & (stage[:, 0] < self._last_stage)
+        if goes_on.any():
+            later = np.where(self._stages > stage, self._stages, self._last_stage).min(axis=1)
+            self._stage[which] = np.where(goes_on, later, stage[:, 0])
+            settling = np.where(goes_on, np.nan, settling)
+            settled &= ~goes_on
+        self._settling[which] = settling
         late = time >= self.scene.time_limit - ROUNDING_S
         success = self._rules.accomplished(which, settled, late)
         fault = np.zeros(len(which), np.bool_)

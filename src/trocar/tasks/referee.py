@@ -98,7 +98,7 @@ class Referee:
         self.time = 0.0
         self.held: dict[str, str] = {}
         self.tips = self._true_tips()
-        #: Where each tip was at the last reading [m].
+        #: Position of each tip at the last reading [m].
         self._were: dict[str, list[float]] = {n: T[:3, 3].tolist() for n, T in self.tips.items()}
         self._read_at = -1, -1
 

@@ -31,11 +31,11 @@ CAD_MASSES = {
 HULL_MARGINS_M = {"mtml": 0.02, "mtmr": 0.02}
 #: Arms whose masses and centres of mass in the description are a set that was fitted to gravity: of
 #: those, only sums mean something, and centres lie beside the links that they are called after. The
-#: hull of such a body reaches its centre of mass, and a homogeneous box of its inertia. Source: sawIntuitiveResearchKit@9e535e6
-#: share/kinematic/PSM_Si_physical.json and ECM_Si_physical.json.
+#: hull of such a body reaches its centre of mass, and contains a homogeneous box of its inertia.
+#: Source: sawIntuitiveResearchKit@9e535e6 share/kinematic/PSM_Si_physical.json and
+#: ECM_Si_physical.json.
 FITTED_TO_GRAVITY = ("psm_si", "ecm_si")
-#: Least half edge of that box [m]. Source: our own
-#: choice, half of a link's width.
+#: Least half edge of that box [m]. Source: our own choice, half of a link's width.
 FITTED_ROOM_M = 0.04
 #: Bounds of a mass, as ratios of the CAD estimate. Source: the roadmap's acceptance criteria.
 MASS_RATIOS = (0.3, 3.0)

@@ -302,7 +302,7 @@ def fit_problem(
     parts: list[tuple[Array, Array]] = []
     for log, load, which in zip(logs, strapped, used, strict=True):
         watch(f"regressor of {log.log.file}")
-        counted = 1.0 - _stuck(model, log) if log.log.simulated else None
+        counted = np.asarray(~_stuck(model, log), float) if log.log.simulated else None
         matrix, target = filtered_regressor(replace(model, arm=loaded(arm, load)), log, counted)
         matrix[:, ~np.array(which)], target[:, ~np.array(which)] = 0.0, 0.0
         parts.append((matrix, target))

@@ -35,14 +35,15 @@ def plant(mount: float, observed: bool) -> RigDescription:
         mount: its mounting pitch [deg]
         observed: whether it has its disturbance observers
     """
-    rig = load_rig("psm_si", {"PSM1": "psm_si_cad"})
+    rig = load_rig("psm_si")
     (place,) = rig.arms
+    (other,) = load_rig("psm_si", {"PSM1": "psm_si_cad"}).arms
     pose = place.pose.copy()
     pose[:3, :3] = rotation_x(np.radians(mount))
     control = place.arm.control["dvrk"]
     if not observed:
         control = replace(control, observer={})
-    arm = replace(place.arm, control={"dvrk": control})
+    arm = replace(place.arm, bodies=other.arm.bodies, control={"dvrk": control})
     return replace(rig, arms=(replace(place, pose=pose, arm=arm),))
 
 

@@ -5,19 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
-from benchmarks.drives import FINE_S, returned
-from trocar.descriptions import load_rig
+from benchmarks.drives import returned, simulated_log
 from trocar.descriptions.overlay_records import BodyDynamics, Dynamics, Overlay
 from trocar.descriptions.records import ArmDescription
-from trocar.robot.identification import Log, default_filters, excite, filtered, identify
+from trocar.robot.identification import default_filters, excite, filtered, identify
 from trocar.robot.identification.drivetrains import described_trains, structure
 from trocar.robot.identification.regression import moving_bodies
 from trocar.robot.standing import standing_arm
 from trocar.robot.verification.figures import Figure
-from trocar.simulation import World
-from trocar.simulation.drives import Drivetrains
 
 #: How far a made robot is from the description: masses and inertias as ratios, centres of mass [m].
 #: Source: our own choice.
@@ -59,43 +55,15 @@ def made_robot(arm: ArmDescription, rng: np.random.Generator) -> Overlay:
 
 
 def si_round_trip(rigs: tuple[str, ...] = ("psm_si", "ecm_si")) -> list[Figure]:
-    """Identify arms that lean as on their cart from logs of motions of `excite`.
-
-    With computed torque: the steps of gravity compensation, 20 ms apart, fold onto efforts that are
-    sampled at 200 Hz.
-    As in `drives.round_trip`: short physics steps, stop elements renewed in each, mean efforts of
-    the steps around a sample.
-    """
+    """Identify arms that lean as on their cart from logs of motions of `excite`."""
     found: list[Figure] = []
     for rig in rigs:
         stand = standing_arm(None, rig=rig)
-        arm, name = stand.arm, stand.name
-        robot = made_robot(arm, np.random.default_rng(0))
+        robot = made_robot(stand.arm, np.random.default_rng(0))
         period_s, repeats, candidates = MOTION
-        plan = excite(arm, period_s, repeats, candidates=candidates, up=stand.up)
-        curve = CubicSpline(np.arange(len(plan.q)) / plan.rate_hz, plan.q)
-        world = World(load_rig(rig, {name: robot}), collisions=False, timestep_s=FINE_S)
-        world.part(Drivetrains).every = 1
-        world.load(world.save())
-        world.arm(name).joints.use_computed_torque(True)
-        every = round(1.0 / plan.rate_hz / FINE_S)
-        times = np.arange((len(plan.q) - 1) * every + 1) * FINE_S
-        world.set_state(name, curve(0.0))
-        played = world.play({name: curve(times)}, {name: curve(times, 1)}, every=1)
-        effort = played.efforts[name]
-        effort = 0.5 * (effort + np.concatenate([effort[1:], effort[-1:]]))
-        log = Log(
-            "simulated",
-            plan.rate_hz,
-            played.positions[name][::every],
-            played.velocities[name][::every],
-            effort[::every],
-            arm.mechanism.joint_names,
-            np.eye(len(arm.joints)),
-            simulated=True,
-            up=stand.up,
-        )
-        settings = replace(default_filters(arm), acceleration_cutoff_hz={})
-        result = identify([filtered(log, arm, settings)], arm, mass_ratios=BOUNDS)
+        plan = excite(stand.arm, period_s, repeats, candidates=candidates, up=stand.up)
+        log = simulated_log(rig, plan, robot)
+        logs = [filtered(log, stand.arm, default_filters(stand.arm))]
+        result = identify(logs, stand.arm, mass_ratios=BOUNDS)
         found += returned(f"si: {rig}, {repeats} times {period_s:g} s", result, robot)
     return found

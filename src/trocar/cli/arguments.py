@@ -185,7 +185,7 @@ def add_calibration(parser: Arguments) -> None:
             calibration overlay, replaces nominal geometry (trocar calibrate)
         --dynamics OVERLAY ... as calibration
             dynamics overlay, replaces masses and friction (trocar identify), or built-in: psm,
-            mtmr, cad (default: identified in a simulation, else the description's, cad)
+            mtmr, psm_si_cad, cad (default: identified in a simulation, else the description's, cad)
     """)  # fmt: skip
 
 
@@ -196,7 +196,7 @@ def add_calibrations(parser: Arguments) -> None:
             calibration overlay of ARM, or of every arm of its type (repeatable)
         --dynamics [ARM=]OVERLAY ... as calibration
             dynamics overlay of ARM, or of every arm of its type (trocar identify), or built-in:
-            psm, mtmr, cad (repeatable; default: identified in a simulation, else the
+            psm, mtmr, psm_si_cad, cad (repeatable; default: identified in a simulation, else the
             descriptions', cad)
     """)  # fmt: skip
 

@@ -36,9 +36,10 @@ def add_arguments(parser: ArgumentParser) -> None:
     """)  # fmt: skip
     add_log(parser)
     options(parser, """
-        --dynamics OVERLAY                  overlay of `trocar identify`, built-in (psm, mtmr), or
-                                            "cad" for the masses and friction of the description
-                                            (default: the built-in one of the arm, else cad)
+        --dynamics OVERLAY                  overlay of `trocar identify`, built-in (psm, mtmr,
+                                            psm_si_cad), or "cad" for the masses and friction of the
+                                            description (default: the built-in one of the arm, else
+                                            cad)
         --weight KG[@FRAME[:X,Y,Z]]:weight ...  known weight strapped to the arm, X,Y,Z in metres in
                                             FRAME (default: at the tip; repeatable)
         --samples N:int                     score the first N samples (default: all; published: 1111

@@ -30,16 +30,19 @@ from trocar.robot.identification import (
     predicted_efforts,
     read_motion,
 )
+from trocar.robot.identification.bounds import all_bounds, body_bounds
 from trocar.robot.identification.drivetrains import (
     basis,
+    coefficients,
     described_trains,
     labels,
     stop_elements,
     structure,
     train_efforts,
 )
+from trocar.robot.identification.fit import fit_problem, reweighted
 from trocar.robot.identification.logs import derivative
-from trocar.robot.identification.regression import loaded
+from trocar.robot.identification.regression import loaded, moving_bodies
 from trocar.robot.identification.rigid_body import parameters, pseudo_inertia
 
 Array = NDArray[np.float64]
@@ -105,6 +108,30 @@ def test_identifiable_parameters_return_within_two_percent(found: object) -> Non
     sure = base.sigma < 0.005 * np.abs(base.values)
     assert sure.sum() >= 5
     np.testing.assert_allclose(base.values[sure], expected[sure], rtol=0.02)
+
+
+def test_without_noise_every_base_parameter_of_a_matched_model_returns() -> None:
+    """What is left is the solver's: its tolerance is not one of the squared efforts."""
+    pytest.importorskip("clarabel", reason="clarabel is not installed: trocar[identify]")
+    arm, log = load_arm("ecm_si"), log_of("ecm_si", np.random.default_rng(0))
+    problem = fit_problem([log], arm)
+    model, ((matrix, _),) = problem.model, problem.parts
+    truth = 1.1 * model.values
+    known = [c for one in model.trains for c in coefficients(trains("ecm_si")[one]).tolist()]
+    truth[10 * len(model.frames) :] = known
+    bounds = all_bounds(arm, model.frames, (0.1, 10.0))
+    base = reweighted(model, bounds, [(matrix, matrix @ truth)], [log]).base
+    np.testing.assert_allclose(base.values, base.combinations @ truth, rtol=2e-3)
+
+
+@pytest.mark.parametrize("name", ["psm_si", "ecm_si"])
+def test_second_moments_of_the_described_bodies_of_an_si_are_within_their_bounds(name: str) -> None:
+    arm = load_arm(name)
+    for frame in moving_bodies(arm, arm.mechanism.joint_names):
+        one = body_bounds(arm, frame)
+        own = [b for b in arm.bodies if b.frame == frame and b.part == arm.name]
+        m, h, s = np.split(np.sum([parameters(b) for b in own], axis=0)[:7], (1, 4))
+        assert (s - 2.0 * one.middle * h + (one.middle**2 - one.half**2) * m <= 0.0).all(), frame
 
 
 def test_rounding_does_not_choose_the_base_parameters(found: object) -> None:

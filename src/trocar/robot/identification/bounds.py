@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError  # pyright: ignore[reportMissingTypeStubs]
 
 from trocar.descriptions import ArmDescription
-from trocar.descriptions.records import Shape
+from trocar.descriptions.records import Body, Shape
 from trocar.errors import InputError
 
 Array = NDArray[np.float64]
@@ -31,11 +31,11 @@ CAD_MASSES = {
 HULL_MARGINS_M = {"mtml": 0.02, "mtmr": 0.02}
 #: Arms whose masses and centres of mass in the description are a set that was fitted to gravity: of
 #: those, only sums mean something, and centres lie beside the links that they are called after. The
-#: hull of such a body reaches its centre of mass. Source: sawIntuitiveResearchKit@9e535e6
-#: share/kinematic/PSM_Si_physical.json and ECM_Si_physical.json.
+#: hull of such a body reaches its centre of mass, and contains a homogeneous box of its inertia.
+#: Source: sawIntuitiveResearchKit@9e535e6 share/kinematic/PSM_Si_physical.json and
+#: ECM_Si_physical.json.
 FITTED_TO_GRAVITY = ("psm_si", "ecm_si")
-#: Half edge of the cube about such a centre of mass that the hull has at least [m]. Source: our own
-#: choice, half of a link's width.
+#: Least half edge of that box [m]. Source: our own choice, half of a link's width.
 FITTED_ROOM_M = 0.04
 #: Bounds of a mass, as ratios of the CAD estimate. Source: the roadmap's acceptance criteria.
 MASS_RATIOS = (0.3, 3.0)
@@ -89,8 +89,8 @@ def body_bounds(
         )
     corners = [_corners(shape) for body in own for shape in body.shapes]
     if arm.name in FITTED_TO_GRAVITY:
-        cube = FITTED_ROOM_M * np.array(list(product((-1.0, 1.0), repeat=3)))
-        corners += [body.com + cube for body in own]
+        cube = np.array(list(product((-1.0, 1.0), repeat=3)))
+        corners += [body.com + np.maximum(FITTED_ROOM_M, _half_box(body)) * cube for body in own]
     points = np.concatenate(corners) if corners else np.empty(0)
     try:
         hull = ConvexHull(points)
@@ -115,6 +115,12 @@ def all_bounds(
 ) -> Mapping[str, BodyBounds]:
     """Return the bounds of the arm's own bodies, {frame: bounds}."""
     return {frame: body_bounds(arm, frame, ratios) for frame in frames}
+
+
+def _half_box(body: Body) -> Array:
+    """Return half edges of a homogeneous box with a body's inertia along its axes, (3,) [m]."""
+    second = 0.5 * np.trace(body.inertia) - np.diag(body.inertia)
+    return np.sqrt(3.0 * np.maximum(second, 0.0) / body.mass)
 
 
 def _corners(shape: Shape) -> Array:

@@ -57,8 +57,7 @@ def basis(train: Drivetrain, weight: Array, motion: JointMotion) -> Array:
         if term == "rotor":
             columns.append(cdd)
         elif term == "coulomb":
-            rates = cd if motion.unfiltered_rates is None else motion.unfiltered_rates @ weight
-            columns.append(np.sign(rates) * (np.abs(rates) > RESTS))
+            columns.append(np.sign(cd) * (np.abs(cd) > RESTS))
         elif term == "viscous":
             columns.append(cd)
         elif term == "offset":

@@ -68,7 +68,7 @@ class Log:
         q, qd, effort: (k, n) [rad or m, per s, N m or N]; n joints of `recorded_joints`
         columns: names of the efforts as they are compared: joints, or motors where the log has them
         joint_from_column: q = joint_from_column @ column positions, (n, n)
-        simulated: whether velocities have no noise, so that their signs are those of the motion
+        simulated: whether positions and velocities have no noise, so that they are not filtered
         up: direction against gravity in the arm's reference frame, (3,)
         poses: whether samples are poses at rest, which no time connects
         starts: samples at which an uninterrupted piece begins; each is filtered by itself
@@ -121,7 +121,7 @@ class FilteredLog:
     Attributes:
         log: where it is from
         settings: of the filters
-        motion: filtered, (k, n_joints); joints that the log lacks rest
+        motion: filtered unless it is simulated, (k, n_joints); joints that the log lacks rest
         effort: filtered, in the log's columns, (k, n) [N m or N]
     """
 
@@ -293,6 +293,9 @@ def _even_rows(
 def filtered(log: Log, arm: ArmDescription, settings: FilterSettings) -> FilteredLog:
     """Filter a log forwards and backwards, and differentiate it.
 
+    The motion of a simulated log is differentiated alone: predictions along it are filtered as the
+    efforts are. Filtered before that, too, efforts of a joint that sticks differ from them.
+
     Source of the order: dvrk_dynamics_identification filters positions, velocities and efforts
     alike, and differentiates velocities by central differences of five points.
 
@@ -318,6 +321,14 @@ def filtered(log: Log, arm: ArmDescription, settings: FilterSettings) -> Filtere
         return log.by_piece(values, lambda v: derivative(v, log.rate_hz))
 
     names = arm.mechanism.joint_names[: log.q.shape[1]]
+    resting = len(arm.joints) - len(names)
+    rest = np.tile(arm.poses["home"][len(names) :] if resting else np.zeros(0), (len(log.q), 1))
+    still = np.zeros((len(log.q), resting))
+    effort = smooth(log.effort @ log.joint_from_column)
+    if log.simulated:
+        parts = zip((log.q, log.qd, differentiated(log.qd)), (rest, still, still), strict=True)
+        q, qd, qdd = (np.hstack(part) for part in parts)
+        return FilteredLog(log, settings, JointMotion(q, qd, qdd, up=log.up), effort)
     q, qd = smooth(log.q), smooth(log.qd)
     qdd = smooth(differentiated(log.qd))
     for joint in settings.differentiated:
@@ -327,18 +338,14 @@ def filtered(log: Log, arm: ArmDescription, settings: FilterSettings) -> Filtere
     for joint, cutoff in settings.acceleration_cutoff_hz.items():
         k = names.index(joint)
         qdd[:, k] = smooth(qdd[:, k], cutoff)
-    resting = len(arm.joints) - len(names)
-    rest = np.tile(arm.poses["home"][len(names) :] if resting else np.zeros(0), (len(q), 1))
-    still = np.zeros((len(q), resting))
     motion = JointMotion(
         np.hstack([q, rest]),
         np.hstack([qd, still]),
         np.hstack([qdd, still]),
         np.hstack([log.q, rest]),
-        np.hstack([log.qd, still]) if log.simulated else None,
         log.up,
     )
-    return FilteredLog(log, settings, motion, smooth(log.effort @ log.joint_from_column))
+    return FilteredLog(log, settings, motion, effort)
 
 
 def low_pass(values: Array, cutoff_hz: float, rate_hz: float, settings: FilterSettings) -> Array:

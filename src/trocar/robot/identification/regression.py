@@ -159,17 +159,29 @@ def loaded(arm: ArmDescription, known: Sequence[Weight]) -> ArmDescription:
     return replace(arm, bodies=(*arm.bodies, *(weight.body(arm) for weight in known)))
 
 
-def filtered_regressor(model: EffortModel, log: FilteredLog) -> tuple[Array, Array]:
-    """Return the regressor and the known efforts in a log's columns, filtered and cut.
+def filtered_regressor(
+    model: EffortModel, log: FilteredLog, counted: Array | None = None
+) -> tuple[Array, Array]:
+    """Return the regressor and what a log leaves for it to explain, filtered and cut.
+
+    Args:
+        model: the parameters
+        log: of efforts
+        counted: weight of each sample before the filters, (k, n), which a sample of weight 0 does
+            not reach then; 1 when omitted
 
     Returns:
-        (k, n, p) and (k, n), n columns of the log
+        (k, n, p) and (k, n), n columns of the log: the regressor, and efforts less the known ones
     """
     matrix, rest = model.regressor(log.motion)
     count = log.log.q.shape[1]
     to_columns = log.log.joint_from_column
     turned = np.einsum("kjp,jc->kcp", matrix[:, :count], to_columns)
-    return log.smooth(turned), log.smooth(rest[:, :count] @ to_columns)
+    rest = rest[:, :count] @ to_columns
+    if counted is None:
+        return log.smooth(turned), log.cut(log.effort) - log.smooth(rest)
+    effort = log.log.effort @ to_columns
+    return log.smooth(turned * counted[..., None]), log.smooth((effort - rest) * counted)
 
 
 def predicted_efforts(

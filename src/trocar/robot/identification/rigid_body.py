@@ -41,15 +41,14 @@ class JointMotion:
     """Joint positions, velocities and accelerations, (k, n) each [rad or m, per s, per s^2].
 
     Stop elements deflect along `unfiltered` positions where there are some: hysteresis of filtered
-    positions is not the filtered hysteresis. Coulomb friction has the signs of `unfiltered_rates`
-    where there are some. Gravity is against `up`, a unit vector in the arm's reference frame, (3,).
+    positions is not the filtered hysteresis. Gravity is against `up`, a unit vector in the arm's
+    reference frame, (3,).
     """
 
     q: Array
     qd: Array
     qdd: Array
     unfiltered: Array | None = None
-    unfiltered_rates: Array | None = None
     up: Array = field(default_factory=lambda: UPRIGHT)
 
 

@@ -136,6 +136,21 @@ def test_files_of_a_package_are_included_and_tables_read(tmp_path: Path) -> None
         expanded('<xacro:include filename="$(find gone)/a.xacro"/>', package / "urdf")
 
 
+def test_a_package_is_found_from_a_relative_path(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A relative $(find) would be taken from the file's folder, a second time."""
+    model = tmp_path / "packages" / "arm" / "model"
+    model.mkdir(parents=True)
+    (model / "part.xacro").write_text(f'{HEAD}<link name="part"/></robot>')
+    main = model / "arm.urdf.xacro"
+    main.write_text(f'{HEAD}<xacro:include filename="$(find arm)/model/part.xacro"/></robot>')
+    monkeypatch.chdir(tmp_path)
+    short = main.relative_to(tmp_path)
+    root = expand(read_xml(short), short, (Path("packages"),), {})
+    assert [one.attribute("name") for one in root.children("link")] == ["part"]
+
+
 def test_a_robot_of_macros_is_imported_with_its_arguments(tmp_path: Path) -> None:
     (tmp_path / "arm.urdf.xacro").write_text(
         f'{HEAD}<xacro:arg name="reach" default="0.3"/><link name="base"/>'

@@ -15,6 +15,6 @@ SLOW = [
 @pytest.mark.parametrize("name", ["needle-reach", "needle-pick", *SLOW])
 def test_a_scripted_policy_succeeds_on_an_si(name):
     task = make_task(scene_with(name, {"generation": "Si"}))
-    for seed in (11, 12):
+    for seed in (7, 11):
         episode = run_episode(task, seed)
         assert episode.success, (seed, episode.reason)

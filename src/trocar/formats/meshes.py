@@ -15,7 +15,7 @@ from trocar.descriptions.records import Shape, ShapeKind
 from trocar.formats.links import LinkModel, mesh_shape, solid
 from trocar.formats.pieces import collision_pieces
 from trocar.formats.surfaces import SUFFIXES, MeshSurface, mean_colour, read_surface
-from trocar.formats.xml_tree import XmlNode, package_places
+from trocar.formats.xml_tree import XmlNode, package_places, read_xml
 from trocar.inputs import is_file
 
 Array = NDArray[np.float64]
@@ -173,6 +173,35 @@ class MeshFinder:
             )
         return found
 
+    def model(self, node: XmlNode, uri: str) -> Path:
+        """Return the SDF file of a model's URI: the file, or the newest of a model's folder.
+
+        Raises:
+            ImportFileError: no such model, or one of a server
+        """
+        scheme, mark, rest = uri.rstrip("/").partition("://")
+        if mark and scheme not in ("file", "model", "package"):
+            raise node.fail(f"got {uri!r}; allowed: a path, file://, model:// or package://")
+        name, _, inside = rest.strip("/").partition("/")
+        if not mark:
+            places = [self._folder / uri]
+        elif scheme == "file":
+            places = [Path(rest)]
+        else:
+            found = package_places(name, self._folder, self._options.packages)
+            places = [place / inside if inside else place for place in found]
+        for place in places:
+            if is_file(place):
+                return place
+            config = place / "model.config"
+            if is_file(config):
+                files = read_xml(config).children("sdf")
+                return place / max(files, key=_version_of).text()
+        near = ", ".join(str(place) for place in places[:3])
+        raise node.fail(
+            f"{uri!r} not found (searched {near}); add its folder with --package-path DIR"
+        )
+
     def visual(self, node: XmlNode, pose: Array, material: str) -> list[Shape]:
         """Return the visible shapes of a <geometry> at T_link_shape, (4, 4).
 
@@ -273,3 +302,9 @@ def _centred(surface: MeshSurface) -> MeshSurface:
 
     looks = tuple((material, of(mesh)) for material, mesh in surface.looks)
     return replace(surface, looks=looks, groups=tuple(of(mesh) for mesh in surface.groups))
+
+
+def _version_of(node: XmlNode) -> tuple[int, ...]:
+    """Return the version that an element names, as numbers."""
+    parts = node.attribute("version", "0").split(".")
+    return tuple(int(part) if part.isdecimal() else 0 for part in parts)

@@ -11,7 +11,7 @@ model's where the file says so (`use_parent_model_frame` up to 1.6, `expressed_i
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -85,7 +85,15 @@ STEP = 0.001
 SUN_DIRECTION, SUN_COLOUR = (-0.5, 0.3, -0.9), (0.8, 0.8, 0.8, 1.0)
 GREY = (0.7, 0.7, 0.72, 1.0)
 MODEL = "model.sdf"
-MODEL_PARTS = ("link", "joint", "frame", "pose")
+MODEL_PARTS = ("link", "joint", "frame", "pose", "include", "model")
+#: Elements of an <include>.
+INCLUDE_PARTS = ("uri", "name", "pose", "static", "plugin")
+#: Models inside one another, at most. Source: our own choice.
+DEEPEST = 8
+#: Between the names of a model and of a part of it.
+INSIDE = "::"
+#: Frame of a model.
+MODEL_FRAME = "__model__"
 #: Elements of a model that configure a simulator; they are ignored with a warning.
 PASSED_OVER = ("plugin", "static", "self_collide", "allow_auto_disable", "enable_wind")
 #: Colours of Gazebo's materials. Source: gazebo-classic, media/materials/scripts/gazebo.material,
@@ -595,6 +603,12 @@ def read_sdf(path: Path, options: ReadOptions) -> SourceModel:
         ImportFileError: not exactly one model, an unknown element, a missing file
         MissingExtraError: lxml or trimesh is not installed
     """
+    node, version = _only_model(path)
+    return _SdfModel(node, path, version, options).read()
+
+
+def _only_model(path: Path) -> tuple[XmlNode, tuple[int, ...]]:
+    """Return the model of a file, and the version of its format."""
     root = read_xml(path)
     if root.tag != "sdf":
         raise root.fail("is not SDF; allowed: <sdf>")
@@ -608,8 +622,7 @@ def read_sdf(path: Path, options: ReadOptions) -> SourceModel:
     numbers = re.match(r"(\d{1,3})\.(\d{1,3})", version)
     if numbers is None:
         raise root.fail(f"version: got {version[:40]!r}; allowed: two numbers, as in 1.7")
-    major, minor = map(int, numbers.groups())
-    return _SdfModel(models[0], str(path), (major, minor), options).read(path)
+    return models[0], tuple(int(number) for number in numbers.groups())
 
 
 @dataclass(frozen=True, eq=False)
@@ -621,65 +634,118 @@ class _Place:
 
 
 class _SdfModel:
+    """A model of a file, with the models inside it.
+
+    Args:
+        node: its element
+        path: of its file
+        version: of the file's format
+        options: those of its meshes
+        outer: the model that it is in, None of the outermost
+        name: by which the outer model names it
+    """
+
     def __init__(
-        self, node: XmlNode, file: str, version: tuple[int, ...], options: ReadOptions
+        self,
+        node: XmlNode,
+        path: Path,
+        version: tuple[int, ...],
+        options: ReadOptions,
+        outer: _SdfModel | None = None,
+        name: str = "",
     ) -> None:
-        self._node, self._file = node, file
-        self._version = version
+        self._node, self._path, self._version, self._options = node, path, version, options
         node.check((*MODEL_PARTS, *PASSED_OVER))
-        self._finder = MeshFinder(Path(file), options)
+        self._finder = MeshFinder(path, options)
         self._notes: dict[str, None] = {}
+        self._prefix = "" if outer is None else outer.named(name) + INSIDE
+        if self._prefix.count(INSIDE) > DEEPEST:
+            raise node.fail(f"lies in more than {DEEPEST} models")
         self._still = {
             joint.need("child").text()
             for joint in node.children("joint")
             if joint.attribute("type") == "fixed" and joint.need("parent").text() == WORLD
         }
-        self._from_world = inverse(_own_pose(node))
-        self._places: dict[str, _Place] = {}
+        self._from_world = inverse(_own_pose(node)) if outer is None else outer._from_world
+        self._places: dict[str, _Place] = {} if outer is None else outer._places
+        self._inner = [
+            *(self._included(one) for one in node.children("include")),
+            *(self._nested(one) for one in node.children("model")),
+        ]
         for link in node.children("link"):
-            self._place(link, "__model__")
+            self._place(link, MODEL_FRAME)
         for joint in node.children("joint"):
             self._place(joint, joint.need("child").text())
         for frame in node.children("frame"):
-            self._place(frame, frame.attribute("attached_to", "") or "__model__")
+            self._place(frame, frame.attribute("attached_to", "") or MODEL_FRAME)
+
+    def named(self, name: str) -> str:
+        """Return the name in the outermost model of what this one calls by a name."""
+        return name if name == WORLD else self._prefix + name
+
+    def _included(self, node: XmlNode) -> _SdfModel:
+        """Return the model of an <include>: of a folder, by its model.config, or of a file."""
+        node.check(INCLUDE_PARTS)
+        if node.attribute("merge", "false") in ("1", "true"):
+            raise node.fail("merges a model (merge), which is not supported")
+        uri = node.need("uri")
+        path = self._finder.model(uri, uri.text())
+        model, version = _only_model(path)
+        named = node.child("name")
+        name = model.attribute("name") if named is None else named.text()
+        pose = node if node.child("pose") is not None else model
+        return self._with(pose, _SdfModel(model, path, version, self._options, self, name))
+
+    def _nested(self, node: XmlNode) -> _SdfModel:
+        name = node.attribute("name")
+        inner = _SdfModel(node, self._path, self._version, self._options, self, name)
+        return self._with(node, inner)
+
+    def _with(self, posed: XmlNode, inner: _SdfModel) -> _SdfModel:
+        """Place a model inside this one, which has its pose from an element, and return it."""
+        pose = posed.child("pose")
+        to = "" if pose is None else pose.attribute("relative_to", "")
+        at = _Place(_own_pose(posed), self.named(to or MODEL_FRAME))
+        self._places[inner.named(MODEL_FRAME)] = at
+        return inner
 
     def _place(self, node: XmlNode, default: str) -> None:
         pose = node.child("pose")
         at = np.eye(4) if pose is None else _read_pose(pose)
         to = default if pose is None else (pose.attribute("relative_to", "") or default)
-        name = node.attribute("name")
+        name = self.named(node.attribute("name"))
         if name in self._places:
             raise node.fail(f"has the duplicate name {name!r}")
-        self._places[name] = _Place(at, to)
+        self._places[name] = _Place(at, self.named(to))
 
     def at(self, name: str, node: XmlNode, seen: tuple[str, ...] = ()) -> Array:
-        """Return T_model_frame of a named link, joint or frame, (4, 4)."""
-        if name == "__model__":
+        """Return T_model_frame in the outermost model, of what it names, (4, 4)."""
+        if name == MODEL_FRAME:
             return np.eye(4)
         if name == WORLD:
             return self._from_world
         if name in seen:
             raise node.fail(f"poses of {', '.join(seen)} form a cycle")
+        if name not in self._places and name + INSIDE + MODEL_FRAME in self._places:
+            name = name + INSIDE + MODEL_FRAME  # a model stands for its frame
         if name not in self._places:
             raise node.fail(f"names {name!r}; known: {', '.join(self._places)}")
         place = self._places[name]
         return self.at(place.to, node, (*seen, name)) @ place.pose
 
-    def read(self, path: Path) -> SourceModel:
+    def read(self) -> SourceModel:
         """Return the model: a tree, and a closure for each further joint of a link."""
-        links = [self._link(node) for node in self._node.children("link")]
-        nodes = self._node.children("joint")
-        if any(node.need("parent").text() == WORLD for node in nodes):
+        file = str(self._path)
+        parts = [*self._parts()]
+        links = [link for part in parts for link in part.links()]
+        pairs = [(part, node) for part in parts for node in part.joints()]
+        if any(node.need("parent").text() == WORLD for _, node in pairs):
             links.insert(0, Link(WORLD))
         tree: list[SourceJoint] = []
         loops: list[LinkLoop] = []
-        warnings = [
-            f"{self._file}: <{tag}> is ignored"
-            for tag in sorted({n.tag for n in self._node.children() if n.tag in PASSED_OVER})
-        ]
         taken: set[str] = set()
-        for node in nodes:
-            joint = self._joint(node)
+        for part, node in pairs:
+            joint = part.joint(node)
             if joint.child not in taken:
                 taken.add(joint.child)
                 tree.append(joint)
@@ -693,12 +759,32 @@ class _SdfModel:
                 LinkLoop(joint.name, joint.parent, sides[0][:3], joint.child, sides[1][:3])
             )
         try:
-            ordered, joints = as_tree(str(path), links, tree)
+            ordered, joints = as_tree(file, links, tree)
         except ImportFileError as problem:
             raise self._node.fail(str(problem).partition(": ")[2]) from problem
+        notes = [note for part in parts for note in part.notes()]
         name = self._node.attribute("name")
-        warnings += [*self._finder.notes, *self._notes]
-        return SourceModel(name, self._file, ordered, joints, tuple(loops), tuple(warnings))
+        return SourceModel(name, file, ordered, joints, tuple(loops), tuple(dict.fromkeys(notes)))
+
+    def _parts(self) -> Iterator[_SdfModel]:
+        """Yield this model and those inside it."""
+        yield self
+        for inner in self._inner:
+            yield from inner._parts()
+
+    def links(self) -> list[Link]:
+        """Return its own links."""
+        return [self._link(node) for node in self._node.children("link")]
+
+    def joints(self) -> list[XmlNode]:
+        """Return the elements of its own joints."""
+        return self._node.children("joint")
+
+    def notes(self) -> list[str]:
+        """Return warnings about what was read."""
+        tags = sorted({n.tag for n in self._node.children() if n.tag in PASSED_OVER})
+        passed = [f"{self._path}: <{tag}> is ignored" for tag in tags]
+        return [*passed, *self._finder.notes, *self._notes]
 
     def _link(self, node: XmlNode) -> Link:
         node.check((*LINK_PARTS, *LINK_PASSED_OVER, "sensor", "light"))
@@ -709,10 +795,10 @@ class _SdfModel:
         for collision in node.children("collision"):
             geometry = collision.need("geometry")
             shapes += self._finder.collision(geometry, _own_pose(collision))
-        link = Link(node.attribute("name"), shapes=tuple(shapes))
+        link = Link(self.named(node.attribute("name")), shapes=tuple(shapes))
         inertial = node.child("inertial")
         if inertial is None:  # the format's default; none for an empty link fixed to the world
-            nothing = not shapes and link.name in self._still
+            nothing = not shapes and node.attribute("name") in self._still
             return link if nothing else replace(link, mass=1.0, inertia=np.eye(3))
         at, values = _own_pose(inertial), inertial.child("inertia")
         inertia = inertia_of(values, at[:3, :3], diagonal=1.0)
@@ -735,15 +821,16 @@ class _SdfModel:
         if colour is not None:
             return material_of(colour.numbers(4 if len(colour.text().split()) != 3 else 3))
         if name is not None:
-            self._notes[f"{self._file}: the material {name.text()!r} is not known"] = None
+            self._notes[f"{self._path}: the material {name.text()!r} is not known"] = None
         return ""
 
-    def _joint(self, node: XmlNode) -> SourceJoint:
+    def joint(self, node: XmlNode) -> SourceJoint:
+        """Return a joint of the model."""
         node.check(("pose", "parent", "child", "axis", "physics", "sensor"))
-        kind, name = node.attribute("type"), node.attribute("name")
+        kind, name = node.attribute("type"), self.named(node.attribute("name"))
         if kind not in KINDS:
             raise node.fail(f"got the type {kind!r}; allowed: {', '.join(KINDS)}")
-        parent, child = node.need("parent").text(), node.need("child").text()
+        parent, child = (self.named(node.need(end).text()) for end in ("parent", "child"))
         at_child, here = self.at(child, node), self.at(name, node)
         pose = inverse(self.at(parent, node)) @ at_child
         joint = SourceJoint(name, KINDS[kind], parent, child, pose)
@@ -766,10 +853,11 @@ class _SdfModel:
             raise axis.fail("has a length of 0; allowed: a direction")
         named = "" if xyz is None else xyz.attribute("expressed_in", "")
         if named:
-            return self.at(named, axis)[:3, :3] @ along
+            return self.at(self.named(named), axis)[:3, :3] @ along
         flag = axis.child("use_parent_model_frame")
         in_model = flag is not None and flag.text() in ("1", "true")
-        return along if in_model or self._version < (1, 5) else here[:3, :3] @ along
+        own = self.at(self.named(MODEL_FRAME), axis) if in_model or self._version < (1, 5) else here
+        return own[:3, :3] @ along
 
 
 def _read_pose(node: XmlNode) -> Array:

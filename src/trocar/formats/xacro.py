@@ -296,7 +296,7 @@ class _Expansion:
                 raise node.fail(
                     f"package {rest!r} not found; add its folder with --package-path DIR"
                 )
-            return str(found)
+            return str(found.absolute())
         if command == "arg":
             if rest not in self._arguments:
                 raise node.fail(f"argument {rest!r} has no value; give --arg {rest}=VALUE")
@@ -304,7 +304,7 @@ class _Expansion:
         if command == "optenv" and " " in rest:
             return rest.partition(" ")[2]
         if command == "dirname":
-            return str(self._path.parent)
+            return str(self._path.parent.absolute())
         if command == "eval":
             return _written(self._evaluate(rest, scope, node))
         raise node.fail(f"got $({text}); allowed: find, arg, eval, dirname, optenv with a default")

@@ -54,6 +54,22 @@ def test_a_console_that_names_kinematics_in_its_arms_is_imported(tmp_path: Path)
     assert "arms[].pid" in idle and "psm-teleops[].rotation" in idle
 
 
+def test_an_arm_s_file_lies_in_the_folder_that_its_system_names(tmp_path: Path) -> None:
+    """A system beside the robots' folders, and one in a folder inside a robot's."""
+    psm = {"name": "PSM1", "type": "PSM", "serial": "12345", "system": "our-robot"}
+    files: dict[str, Any] = {
+        f"our-robot/{folder}/system-lab.json": {"arms": [psm]} for folder in ("custom", "..")
+    }
+    files["our-robot/PSM1-12345.json"] = {"kinematic": "kinematic/PSM.json"}
+    for name, content in files.items():
+        lab.write((tmp_path / name).parent, {Path(name).name: content})
+    for folder in ("our-robot/custom", "."):
+        target = tmp_path / f"{len(folder)}.toml"
+        found = import_dvrk(tmp_path / folder / "system-lab.json", target)
+        assert [arm.name for arm in found.rig.arms] == ["PSM1"]
+        assert not any("system" in idle for idle in found.idle)
+
+
 def test_a_kinematic_file_of_version_1_holds_the_arm_and_its_instrument(tmp_path: Path) -> None:
     rows = [*lab.PSM, *lab.TOOL["Classic"]]
     links = [{"convention": "modified", **row} for row in rows]

@@ -20,6 +20,7 @@ from trocar.tasks import run_episode, scene_with
 from trocar.tasks.scenes.suturing import Suturing
 from trocar.tasks.suturing.planning import (
     APART_M,
+    STEP,
     Grip,
     Plan,
     TipWorkspace,
@@ -94,6 +95,45 @@ def test_both_jaws_hold_any_needle_clear_of_the_surface(task: Suturing, size: st
     assert min(heights) > 2.4e-3
     assert heights[0] == pytest.approx(heights[1])
     assert 3.5e-3 < abs(stitch.points[0, 1]) < 0.4 * tissue.width
+
+
+@pytest.mark.parametrize("yaw", [-20, 0, 20])
+def test_an_si_takes_the_needle_with_the_grip_that_leaves_its_roll_room_for_the_pull(
+    yaw: float,
+) -> None:
+    """Half a turn of the roll away, the wrist has as much room, and the roll none."""
+    task = Suturing(scene_with("suturing", {"generation": "Si"}))
+    task.reset(0)
+    (stitch,) = plan_at(task, yaw).stitches
+    tissue, taker = task.tissue.tissue, TipWorkspace(task.world, stitch.taker)
+
+    def room(grip: Grip) -> tuple[float, float]:
+        held = grip.pose(tissue.wire)
+        angles = np.arange(stitch.out, stitch.end, STEP)
+        poses = [stitch.needle_pose(tissue.wire, angle) @ held for angle in angles]
+        way = taker.along(poses)
+        assert way is not None
+        last = taker.through(way[2], poses[1:])[2]
+        pull = next(stitch.pulls(taker, tissue, poses[-1], held))
+        return way[0], taker.through(last, pull.poses())[0]
+
+    grip = stitch.grips[1]
+    chosen, other = room(grip), room(replace(grip, across=-grip.across))
+    assert other[0] == pytest.approx(chosen[0])
+    assert other[1] == -np.inf
+    assert np.degrees(chosen[1]) > 5.0
+
+
+def test_a_way_past_the_end_of_the_roll_is_none_though_a_turn_back_has_room(
+    task: Suturing,
+) -> None:
+    taker = TipWorkspace(task.world, "PSM2")
+    q = np.array([0.0, 0.0, 0.12, np.radians(250.0), 0.3, 0.0])
+    for step, reached in ((4.0, False), (-4.0, True)):  # the stop is at 260 deg
+        rolls = np.radians(step * np.arange(1, 5))
+        poses = [taker.pose(q + roll * np.eye(6)[3]) for roll in rolls]
+        assert len(taker.all(poses[-1])) > 0
+        assert np.isfinite(taker.through(q, poses)[0]) == reached
 
 
 def test_a_wound_across_the_line_between_the_ports_is_refused_with_the_reason(

@@ -223,6 +223,7 @@ class ArmEntry(JsonRecord):
     name: str
     type: str
     serial: str = ""
+    system: str = ""
     name_on_io: str = ""
     arm_file: str | None = None
     arm: str | None = None

@@ -480,6 +480,8 @@ class _SystemReader:
             needed = "an arm needs arm_file, or its serial (in older systems arm, or kinematic)"
             raise place.fail("arm_file", f"is missing; {needed}")
         path = self._sources.find(file_name)
+        if path is None and entry.system:  # the folder of a lab's robot
+            path = self._sources.find(f"{entry.system}/{file_name}")
         if path is not None:
             return self._sources.read(path, ArmFile)
         own = published.own_arm_file(file_name)

@@ -28,13 +28,10 @@ from trocar.outputs import whole_file, write_text
 from trocar.plotting.drawing import PALETTE, new_figure, png
 from trocar.simulation import World
 from trocar.simulation.tissue.tissues import RISE, stitch_points
+from trocar.tasks.suturing.pull import REACH_M, UP, Pull, clear_ways, pulls
 
 Array = NDArray[np.float64]
-UP = np.array([0.0, 0.0, 1.0])
 
-#: Distance of a held needle beyond the tip, the fingers' pivot. Source: 2 mm before the end of a
-#: large needle driver's pads. [m]
-REACH_M = 0.0085
 #: Angles of the driving arm's grip from the swage, and of the other's from the tip. Source:
 #: measured: a jaw nearer to the point does not hold it well. [rad]
 HOLD_SWAGE, HOLD_TIP = np.radians([18.0, 16.0])
@@ -132,6 +129,23 @@ class Stitch:
         """Return the needle in the world with its tip at an angle of the circle, (4, 4) [rad]."""
         x = float(self.points[0, 0])
         return needle_on_circle(self.wound, x, self.height, self.side, angle - needle.arc)
+
+    def pulls(
+        self, taker: TipWorkspace, tissue: Tissue, start: Array, held: Array
+    ) -> Iterator[Pull]:
+        """Yield pulls of the thread after the stitch, the best first.
+
+        Args:
+            taker: workspace of the arm that pulls
+            tissue: that is stitched
+            start: pose of its tip in the world where it begins, (4, 4)
+            held: the same in the needle's frame, (4, 4)
+        """
+        x, y, _ = self.wound[:3, :3].T
+        aside = x * np.sign(x @ (taker.port - self.wound[:3, 3]))
+        axes, free = np.array([self.side * y, UP, aside]), tissue.thread.free
+        ways = clear_ways(start[:3, 3], axes, free, scope_shafts(taker.world))
+        return pulls(start, held, tissue.wire, ways, free)
 
     def angle_of(self, needle: Needle, pose: Array) -> float:
         """Return the angle of the tip of a needle in the world, 0 to 2 pi [rad]."""
@@ -308,7 +322,7 @@ class TipWorkspace:
     """
 
     def __init__(self, world: World, arm: str) -> None:
-        self.arm = world.arms[arm]
+        self.world, self.arm = world, world.arms[arm]
         self._mechanism, self._structure = (
             self.arm.description.mechanism,
             self.arm.description.inverse_kinematics,
@@ -364,6 +378,30 @@ class TipWorkspace:
         worst = int(np.argmin(room, axis=-1))
         return float(room[worst]), self.names[worst]
 
+    def through(
+        self, q: Array, poses: Sequence[Array], least: float = -np.inf
+    ) -> tuple[float, str, Array]:
+        """Return the way from joint positions through poses, without jumps.
+
+        Args:
+            q: joint positions
+            poses: of the tip in the world, (4, 4) each
+            least: margin at which it is given up
+
+        Returns:
+            least margin on it, -inf where there is none, and whose; the last joint positions
+        """
+        room, joint = self.margin(q)
+        for T in poses:
+            after = self.near(T, q)
+            if after is None or (np.abs(after - q)[self._turns] > 8.0 * STEP).any():
+                return -np.inf, "", q
+            q = after
+            room, joint = min((room, joint), self.margin(q))
+            if room <= least:
+                break
+        return room, joint, q
+
     def along(self, poses: Sequence[Array]) -> tuple[float, str, Array] | None:
         """Return the way through poses that stays farthest from limits.
 
@@ -372,17 +410,7 @@ class TipWorkspace:
         """
         best: tuple[float, str, Array] | None = None
         for first in self.all(poses[0]):
-            q = first
-            room, joint = self.margin(first)
-            for T in poses[1:]:
-                after = self.near(T, q)
-                if after is None or (np.abs(after - q)[self._turns] > 8.0 * STEP).any():
-                    room = -np.inf
-                    break
-                q = after
-                room, joint = min((room, joint), self.margin(q))
-                if best is not None and room <= best[0]:
-                    break
+            room, joint, _ = self.through(first, poses[1:], -np.inf if best is None else best[0])
             if np.isfinite(room) and (best is None or room > best[0]):
                 best = room, joint, first
         return best
@@ -406,11 +434,7 @@ def make_plan(
             says which joint is in the way and by how much
     """
     needle = tissue.wire
-    scopes = [
-        (arm.measured_cp("world").matrix[:3, 3], world.remote_centres()[name])
-        for name, arm in world.arms.items()
-        if arm.description.type == "ECM"
-    ]
+    scopes = scope_shafts(world)
     arms = [name for name, arm in world.arms.items() if arm.description.type == "PSM"]
     reaches = {name: TipWorkspace(world, name) for name in arms}
     found: list[Stitch] = []
@@ -431,6 +455,15 @@ def make_plan(
             raise UnreachableError(_why_not(reaches, tissue, (wound, place), best))
         found.append(best)
     return Plan(tuple(found), needle)
+
+
+def scope_shafts(world: World) -> list[tuple[Array, Array]]:
+    """Return both ends of the shafts of endoscopes in the world, (3,) each [m]."""
+    return [
+        (arm.measured_cp("world").matrix[:3, 3], world.remote_centres()[name])
+        for name, arm in world.arms.items()
+        if arm.description.type == "ECM"
+    ]
 
 
 def circle_height(tissue: Tissue) -> float:
@@ -578,8 +611,8 @@ def _options(
         hold = float(needle.arc - HOLD_TIP)
         outwards = np.arange(float(draft.out - STEP), float(draft.end + STEP), STEP), hold, None
         kept = (None, None) if before is None else before.grips
-        one = _best_grip(reaches[driver], draft, needle, inwards, kept[0])
-        two = None if one is None else _best_grip(reaches[taker], draft, needle, outwards, kept[1])
+        one = _best_grip(reaches[driver], draft, tissue, inwards, kept[0])
+        two = None if one is None else _best_grip(reaches[taker], draft, tissue, outwards, kept[1])
         if one is None or two is None:
             continue
         found = replace(
@@ -593,40 +626,48 @@ def _options(
 def _best_grip(
     reach: TipWorkspace,
     stitch: Stitch,
-    needle: Needle,
+    tissue: Tissue,
     part: tuple[Array, float, Array | None],
     kept: Grip | None,
 ) -> tuple[float, str, Grip] | None:
     """Return least margin, its joint and the grip with which an arm turns a needle best.
 
+    Of an arm that takes the needle, one with which it also pulls the thread, if there is one: two
+    grips half a turn of the roll apart have the same room in the wrist, and not in the roll.
+
     Args:
         reach: of the arm
         stitch: as far as it is planned
-        needle: that it is made with
+        tissue: that is stitched, and the needle
         part: angles of the tip, where on the needle the jaw is, and where the needle lies that the
             arm picks up from above (4, 4), None: it takes it from the other arm
         kept: the grip, None: whichever is best
     """
-    tips, angle, pick = part
+    needle, (tips, angle, pick) = tissue.wire, part
     axis = stitch.needle_pose(needle, np.pi)[:3, 2]
     along = 1 if axis @ (stitch.wound[:3, 3] - reach.port) > 0.0 else -1
     if pick is not None and along * pick[2, 2] > 0.0:
         return None  # from above, the jaw would hold it the other way round
-    best: tuple[float, str, Grip] | None = None
+    best: tuple[bool, float, str, Grip] | None = None
     for grip in (Grip(angle, along, 1), Grip(angle, along, -1)) if kept is None else (kept,):
         held = grip.pose(needle)
-        way = reach.along([stitch.needle_pose(needle, tip) @ held for tip in tips])
+        poses = [stitch.needle_pose(needle, tip) @ held for tip in tips]
+        way = reach.along(poses)
         if way is None:
             continue
-        room = way[:2]
+        room, pulled = way[:2], False
         if pick is not None:
             above = pick @ held
             above[2, 3] += ABOVE_M
             picks = [reach.margin(q) for q in reach.all(above)]
             room = min(room, max(picks, default=(-np.inf, "")))
-        if best is None or room[0] > best[0]:
-            best = *room, grip
-    return best
+        elif kept is None:
+            pull = next(stitch.pulls(reach, tissue, poses[-1], held))
+            last = reach.through(way[2], poses[1:])[2]
+            pulled = reach.through(last, pull.poses(), LEAST)[0] >= LEAST
+        if best is None or (pulled, room[0]) > best[:2]:
+            best = pulled, *room, grip
+    return None if best is None else best[1:]
 
 
 def _pairs(reaches: dict[str, TipWorkspace], needle_pose: Array) -> list[tuple[str, str]]:

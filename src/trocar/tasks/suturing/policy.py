@@ -22,12 +22,12 @@ from trocar.tasks.motions import UP, Hand, Motion, together
 from trocar.tasks.suturing.planning import (
     ABOVE_M,
     LEAST,
-    REACH_M,
     Plan,
     Stitch,
     TipWorkspace,
     needle_on_circle,
 )
+from trocar.tasks.suturing.pull import Pull
 from trocar.tasks.task import Task
 
 Array = NDArray[np.float64]
@@ -41,19 +41,9 @@ PULL_M_S, TIGHT_M_S = 0.04, 0.006
 #: by the tension that is missing, so that it ends below 2 N. Source: Horeman 2013 measured 3 +- 1.2
 #: N while surgeons pulled; 2 N closes the wound. [N, m/s/N, m/s]
 TIGHT_N, SLOW_N, GAIN, SLOWEST_M_S = 1.96, 0.5, 6e-3, 6e-4
-#: Part of the pull within which the needle turns in line with it; ratios of this turn that are
-#: tried, and steps in which reach is checked then. Source: our own choice. [m, m]
-TURN_M, SHARES, STEP_M = 0.02, (1.0, 0.75, 0.5, 0.25), 0.004
-#: Directions of the pull, the first that stays clear of the endoscope: back across the wound, up,
-#: and towards the arm's own side along it. Source: our own choice; the first closes a wound with
-#: the least force.
-PULLS = ((0.9, 0.45, 0.0), (0.4, 0.7, 0.6), (0.0, 0.8, 0.6))
-#: Least distance of an instrument from the endoscope's shaft. Source: our own choice: both are 9 mm
-#: thick. [m]
-APART_M = 0.03
-#: Length of the pull beyond the thread's free length at which it ends though it is not tight: edges
-#: of the wound come along. Source: our own choice. [m]
-GIVES_M = 0.02
+#: Distance of a tip from its set-point at which something blocks a pull. Source: measured: 0.4 mm
+#: at 2 N of tension, 3 mm as soon as a forearm meets the endoscope's. [m]
+BLOCKED_M = 5e-3
 #: Largest tilt of a needle out of the jaw's plane: beyond it the needle is put down and picked
 #: again, as one with which the arm would not reach the whole arc. Source: our own choice. [deg]
 TILT_DEG = 35.0
@@ -181,6 +171,12 @@ class NeedleHand(Hand):
         now = self.task.controller.target(self.arm)
         if np.linalg.norm(goal[:3, 3] - now[:3, 3]) > 1e-3:
             raise StitchError(f"{self.arm} does not reach {np.round(1e3 * goal[:3, 3], 1)} mm")
+
+    def lag(self) -> float:
+        """Return the distance of the measured tip from its set-point [m]."""
+        controller = self.task.controller
+        now, goal = controller.tip(self.arm), controller.target(self.arm)
+        return float(np.linalg.norm(goal[:3, 3] - now[:3, 3]))
 
     def give_way(self) -> Motion:
         """Bring the set-point half of the way to the measured tip, for a period."""
@@ -370,55 +366,57 @@ class Sewing:
         if not tissue.left[number].all():
             raise StitchError(f"stitch {number + 1}: the needle is not out")
         self.op.announce(f"stitch {number + 1}: pull the thread")
-        yield from self._one(hand, hand.follow(self._pull(hand, held, self._pull_way(stitch))))
+        blocked: list[Array] = []
+        while (pull := self._best_pull(stitch, held, blocked)) is not None:
+            yield from self._one(hand, hand.follow(self._pull(hand, pull)))
+            if hand.lag() < BLOCKED_M:
+                break
+            blocked.append(pull.way)
+            self.op.announce(f"stitch {number + 1}: something is in the way: pull another way")
+            while hand.lag() > 0.1 * BLOCKED_M:
+                yield from self._one(hand, hand.give_way())
         if tissue.tension() < 0.8 * TIGHT_N:
             raise StitchError(f"stitch {number + 1}: the thread is not tight")
         yield from self._one(hand, hand.wait(0.3))
 
-    def _pull_way(self, stitch: Stitch) -> Array:
-        """Return the direction of the pull, (3,)."""
-        world, along = self.task.world, stitch.wound[:3, 0]
-        start = self.task.controller.target(stitch.taker)[:3, 3]
-        port = self.hands[stitch.taker].reach.port
-        aside = along * np.sign(along @ (port - stitch.wound[:3, 3]))
-        axes = np.array([stitch.side * stitch.wound[:3, 1], UP, aside])
-        ways = [way @ axes / np.linalg.norm(way) for way in np.array(PULLS)]
-        reach = (
-            start + np.linspace(0.0, self.op.tissue.tissue.thread.free, 20)[:, None, None] * ways
-        )
-        shafts = [
-            np.linspace(arm.measured_cp("world").matrix[:3, 3], world.remote_centres()[name], 20)
-            for name, arm in world.arms.items()
-            if arm.description.type == "ECM"
-        ]
-        for k, way in enumerate(ways):
-            gaps = [np.linalg.norm(reach[:, k, None] - s, axis=2).min() for s in shafts]
-            if min(gaps, default=np.inf) > APART_M:
-                return way
-        return ways[-1]
+    def _best_pull(self, stitch: Stitch, held: Array, blocked: list[Array]) -> Pull | None:
+        """Return the first pull that stays away from limits, else the one that stays farthest.
 
-    def _pull(self, hand: NeedleHand, held: Array, way: Array) -> Iterator[Array]:
-        """Pull along a way, (3,), the needle's end behind the jaw: thread does not turn it then."""
-        start, tension, pulled = self.task.controller.target(hand.arm), 0.0, 0.0
-        most = self.op.tissue.tissue.thread.free + GIVES_M
-        grip = held[:3, 3] + REACH_M * held[:3, 2]
-        chord = (start @ inverse(held))[:3, :3] @ (grip - self.needle.swage[:3, 3])
-        axis = np.cross(chord, way)
-        sine = float(np.linalg.norm(axis))
-        turn = np.arctan2(sine, chord @ way) / max(sine, 1e-12) * axis
+        Args:
+            stitch: after which the thread is pulled
+            held: pose of the tip in the needle's frame, (4, 4)
+            blocked: directions in which something is in the way, (3,) each
 
-        def pose(pulled: float, share: float) -> Array:
-            part = share * min(1.0, pulled / TURN_M)
-            facing = matrix_from_rotation_vector(part * turn) @ start[:3, :3]
-            return transform(facing, start[:3, 3] + pulled * way)
+        Returns:
+            None: something is in the way in all directions
 
-        depths = np.arange(0.0, most, STEP_M)
-        shares = (k for k in SHARES if self._reaches(hand, [pose(d, k) for d in depths]))
-        share = next(shares, 0.0)
-        while tension < TIGHT_N and pulled < most:
+        Raises:
+            StitchError: there is no way in reach
+        """
+        reach, tissue = self.hands[stitch.taker].reach, self.op.tissue.tissue
+        start, q = self.task.controller.target(stitch.taker), reach.arm.joints.setpoints()[:-1]
+        best: tuple[float, Pull] | None = None
+        for pull in stitch.pulls(reach, tissue, start, held):
+            if any(np.allclose(pull.way, way) for way in blocked):
+                continue
+            room = reach.through(q, pull.poses())[0]
+            if room >= LEAST:
+                return pull
+            if best is None or room > best[0]:
+                best = room, pull
+        if best is None:
+            return None
+        if best[0] < 0.0:
+            raise StitchError(f"{stitch.taker} does not reach the end of the pull")
+        return best[1]
+
+    def _pull(self, hand: NeedleHand, pull: Pull) -> Iterator[Array]:
+        """Yield poses along a pull until the thread is tight or something blocks it."""
+        tension, pulled = 0.0, 0.0
+        while tension < TIGHT_N and pulled < pull.length and hand.lag() < BLOCKED_M:
             speed = max(SLOWEST_M_S, min(TIGHT_M_S, GAIN * (TIGHT_N - tension)))
             pulled += (PULL_M_S if tension < SLOW_N else speed) * PERIOD_S
-            yield pose(pulled, share)
+            yield pull.pose(pulled)
             tension = self.op.tissue.tension()
 
     def _hand_back(self, stitch: Stitch, held: Array) -> Generator[Array, None, Array]:
@@ -498,16 +496,6 @@ class Sewing:
                     raise StitchError("the tip did not puncture where it was expected")
 
         yield from self._one(hand, hand.follow(way()))
-
-    @staticmethod
-    def _reaches(hand: NeedleHand, poses: list[Array]) -> bool:
-        """Return whether a hand gets through poses from its set-points, away from its limits."""
-        q: Array | None = hand.task.world.arms[hand.arm].joints.setpoints()[:-1]
-        for T in poses:
-            q = hand.reach.near(T, q)
-            if q is None or hand.reach.margin(q)[0] < LEAST:
-                return False
-        return True
 
     def _approach(self, hand: NeedleHand, poses: list[Array]) -> Iterator[Array]:
         """Go in front of the first of poses, along the jaw, with most room for all of them.

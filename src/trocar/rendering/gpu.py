@@ -44,6 +44,8 @@ SHADOW_OFFSET = 2.0, 32.0
 #: within which light from around is missing [m], and smoke that halves contrast [1/m]. Source:
 #: chosen by eye.
 SOFT, CONTACT, SMOKE = 1.6, 0.0025, 12.0
+#: Distance of the threads of gauze [m]. Source: our own choice, coarse enough to be seen.
+THREADS_M = 7e-4
 #: Components and type of each output's texture.
 FORMATS = {"COLOUR": (4, "f1"), "DEPTH": (1, "f4"), "IDS": (1, "i4"), "NORMALS": (4, "f4")}
 #: Components and type of each output as it is read.
@@ -237,7 +239,7 @@ class Gpu:
             "SMOKE": surgical and look.smoke > 0.0,
         }
         defines = _outputs(outputs) + [name for name, on in switches.items() if on]
-        defines.append(f"AROUND {light.around:.6f}")
+        defines += [f"AROUND {light.around:.6f}", f"WEAVE {np.pi / THREADS_M:.6f}"]
         if surgical:
             self._bind_structures(shade)
         wide, tall = frustum.right - frustum.left, frustum.bottom - frustum.top

@@ -72,6 +72,11 @@ out float open;
 layout(binding = 10) uniform sampler2D hollow;
 uniform vec3 reach;   // radius of contacts at depth 1 in the map, across and down; near over it
 #endif
+#ifdef GAUZE
+out vec2 spot;
+flat out vec3 along_u;
+flat out vec3 along_v;
+#endif
 
 void main() {
     vec3 r = in_reference();
@@ -85,6 +90,11 @@ void main() {
     spot = place * places;
     along_u = bump * mat3(eye) * turned_by(places[0]);
     along_v = bump * mat3(eye) * turned_by(places[1]);
+#endif
+#ifdef GAUZE
+    spot = WEAVE * place.xy;
+    along_u = mat3(eye) * turned_by(vec3(1.0, 0.0, 0.0));
+    along_v = mat3(eye) * turned_by(vec3(0.0, 1.0, 0.0));
 #endif
 #ifdef SCOPE
     float unit = inversesqrt(power.x);
@@ -200,6 +210,9 @@ _ROOM = """
 _SURGICAL = """
 #ifdef SURGICAL
     vec3 base = albedo.rgb;
+#ifdef GAUZE
+    base *= 0.92 + 0.08 * raised;
+#endif
 #ifdef TISSUE
     base *= vec3(0.66, 0.36, 0.38) + vec3(0.62, 1.12, 1.06) * skin.z;
     base.r = mix(base.r, sqrt(base.r), 0.5 * (1.0 - facing * lit));
@@ -233,10 +246,19 @@ in float open;
 flat in vec3 along_u;
 flat in vec3 along_v;
 #endif
+#ifdef GAUZE
+in vec2 spot;
+flat in vec3 along_u;
+flat in vec3 along_v;
+#endif
 
 void main() {
 #ifdef COLOUR
-#ifdef TISSUE
+#ifdef GAUZE
+    vec2 over = sin(spot), steep = cos(spot);
+    float raised = over.x * over.y;
+    vec3 facet = across - 0.45 * (steep.x * over.y * along_u + over.x * steep.y * along_v);
+#elif defined(TISSUE)
     vec4 skin = texture(structure, spot);
     vec3 facet = across + (skin.x - 0.5) * along_u + (skin.y - 0.5) * along_v;
 #else
@@ -266,6 +288,9 @@ void main() {
 #endif
 #ifdef TISSUE
     glint *= 0.2 + 3.2 * skin.w;
+#endif
+#ifdef GAUZE
+    glint *= 0.1;
 #endif
     c += min(glint, 1.0) * (1.0 - c);
 #ifdef SMOKE

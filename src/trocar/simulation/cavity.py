@@ -7,6 +7,7 @@ endoscope; bowel, liver and fat lie at its edge. All is generated, the same in e
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -50,6 +51,10 @@ LOBES = (
 LINE = ((-0.075, 0.086, 0.006), (-0.035, 0.060, 0.004), (0.010, 0.068, 0.005),
         (0.045, 0.058, 0.004), (0.075, 0.090, 0.006))  # fmt: skip
 BOWEL_M, POUCHES, POUCH = 0.0125, 17, 0.10
+#: Material of pads that are drawn as folded cloth; their points along an edge, width of the fold
+#: down to the bed, depth of the waves of their upper side and width of those of their outline [m].
+#: Source: chosen by eye; nothing rises above the pad.
+GAUZE, WOVEN, FALL_M, SAG_M, FRAY_M = "gauze", 31, 0.0022, 0.0006, 0.0011
 
 
 def cavity_shapes(rig: RigDescription, body: dict[str, int]) -> tuple[ShapeRecord, ...]:
@@ -96,6 +101,44 @@ def cavity_shapes(rig: RigDescription, body: dict[str, int]) -> tuple[ShapeRecor
             )
         )
     return tuple(found)
+
+
+def as_cloth(record: ShapeRecord) -> ShapeRecord:
+    """Return a box of gauze as cloth that lies on the bed: waves, round corners, uneven edges.
+
+    Args:
+        record: of the box; z of its frame points upwards
+    """
+    x, y, z = record.size
+    line = np.linspace(-1.0, 1.0, WOVEN)
+    u, v = np.meshgrid(line, line, indexing="ij")
+    far = np.maximum(np.abs(u), np.abs(v))
+    edge = np.clip((far - 1.0) * min(x, y) / FALL_M + 1.0, 0.0, 1.0)
+    # A square whose corners are drawn in, and whose edges wave.
+    drawn_in = 1.0 - 0.10 * (u * v) ** 4
+    wave = np.sin(9.0 * np.arctan2(v, u) + 1.0) + 0.6 * np.sin(17.0 * np.arctan2(v, u))
+    points = np.stack(
+        [
+            u * (x * drawn_in + FRAY_M * wave * far**4),
+            v * (y * drawn_in - FRAY_M * wave * far**4),
+            z
+            - 0.5 * SAG_M * (1.0 - np.sin(4.0 * u + 1.5 * v) * np.cos(3.0 * v - u))
+            - 2.0 * z * edge**1.5,
+        ],
+        axis=-1,
+    ).reshape(-1, 3)
+    here = (np.arange(WOVEN - 1)[:, None] * WOVEN + np.arange(WOVEN - 1)).ravel()
+    right, up = here + WOVEN, here + 1
+    faces = np.concatenate(
+        [np.stack([here, right, right + 1], -1), np.stack([here, right + 1, up], -1)]
+    )
+    return replace(
+        record,
+        kind="mesh",
+        rounding=0.0,
+        triangles=(points, faces),
+        normals=normals_of(points, faces),
+    )
 
 
 def covered(rig: RigDescription) -> frozenset[str]:

@@ -16,7 +16,7 @@ from trocar.descriptions.materials import MATERIALS
 from trocar.descriptions.records import RigDescription, Shape
 from trocar.geometry.rotations import quaternion_from_matrix
 from trocar.modeling import naming
-from trocar.simulation.cavity import cavity_shapes, covered
+from trocar.simulation.cavity import GAUZE, as_cloth, cavity_shapes, covered
 from trocar.simulation.records import ShapeRecord
 
 
@@ -33,7 +33,9 @@ def shape_records(rig: RigDescription, model: mujoco.MjModel) -> tuple[ShapeReco
             continue
         body = model.body(prop.name).id
         for number, shape in enumerate(s for s in prop.shapes if s.visible):
-            found.append(_record(shape, body, f"{prop.name}/{number}", None, ""))
+            record = _record(shape, body, f"{prop.name}/{number}", None, "")
+            cloth = rig.surroundings == "cavity" and shape.material == GAUZE
+            found.append(as_cloth(record) if cloth and shape.kind == "box" else record)
     for arm in rig.arms:
         for part in arm.arm.bodies:
             body = model.body(naming.scoped(arm.name, part.frame)).id

@@ -216,6 +216,10 @@ _SURGICAL = """
 #ifdef TISSUE
     base *= vec3(0.66, 0.36, 0.38) + vec3(0.62, 1.12, 1.06) * skin.z;
     base.r = mix(base.r, sqrt(base.r), 0.5 * (1.0 - facing * lit));
+#ifdef BLEEDING
+    vec3 blood = mix(vec3(0.52, 0.07, 0.06), vec3(0.40, 0.03, 0.03), smoothstep(0.9, 0.3, deep));
+    base = mix(base, blood, 0.92 * bloody);
+#endif
     amount = amount * open + 0.07 * beam;
 #endif
 #endif
@@ -235,6 +239,10 @@ uniform vec3 light;
 uniform vec4 power;
 uniform vec4 sky;     // up in the eye's frame, strength of the light from all around
 uniform sampler2DShadow shade;
+#ifdef BLEEDING
+uniform vec4 pool;    // the point that bleeds, and how far blood has spread from there
+uniform vec3 rise;    // upwards
+#endif
 #ifdef SURGICAL
 uniform float blur;
 layout(binding = 8) uniform sampler2D structure;
@@ -261,6 +269,14 @@ void main() {
 #elif defined(TISSUE)
     vec4 skin = texture(structure, spot);
     vec3 facet = across + (skin.x - 0.5) * along_u + (skin.y - 0.5) * along_v;
+#ifdef BLEEDING
+    vec3 off = at - pool.xyz;
+    float above = dot(off, rise);
+    float rim = pool.w * (0.55 + 0.9 * textureLod(structure, 0.4 * spot, 3.0).z) + 1e-9;
+    float deep = length(off - above * rise) / rim;
+    float bloody = smoothstep(1.0, 0.9, deep) * smoothstep(2.0e-3, 1.4e-3, above);
+    facet = mix(facet, across, 0.85 * bloody);
+#endif
 #else
     vec3 facet = across;
 #endif
@@ -287,6 +303,9 @@ void main() {
     c = 0.55 * c + 0.72 * bright * textureLod(mirror, r.xy * sphere + 0.5, 0.0).rgb;
 #endif
 #ifdef TISSUE
+#ifdef BLEEDING
+    skin.w = max(skin.w, bloody);
+#endif
     glint *= 0.2 + 3.2 * skin.w;
 #endif
 #ifdef GAUZE

@@ -16,7 +16,7 @@ from trocar.descriptions.materials import MATERIALS
 from trocar.descriptions.records import RigDescription, Shape
 from trocar.geometry.rotations import quaternion_from_matrix
 from trocar.modeling import naming
-from trocar.simulation.cavity import GAUZE, as_cloth, cavity_shapes, covered
+from trocar.simulation.cavity import SOFTER, cavity_shapes, covered
 from trocar.simulation.records import ShapeRecord
 
 
@@ -34,8 +34,10 @@ def shape_records(rig: RigDescription, model: mujoco.MjModel) -> tuple[ShapeReco
         body = model.body(prop.name).id
         for number, shape in enumerate(s for s in prop.shapes if s.visible):
             record = _record(shape, body, f"{prop.name}/{number}", None, "")
-            cloth = rig.surroundings == "cavity" and shape.material == GAUZE
-            found.append(as_cloth(record) if cloth and shape.kind == "box" else record)
+            soft = rig.surroundings == "cavity" and shape.kind == "box"
+            found.append(
+                SOFTER[shape.material](record) if soft and shape.material in SOFTER else record
+            )
     for arm in rig.arms:
         for part in arm.arm.bodies:
             body = model.body(naming.scoped(arm.name, part.frame)).id

@@ -219,6 +219,8 @@ _SURGICAL = """
 #ifdef BLEEDING
     vec3 blood = mix(vec3(0.52, 0.07, 0.06), vec3(0.40, 0.03, 0.03), smoothstep(0.9, 0.3, deep));
     base = mix(base, blood, 0.92 * bloody);
+    float sharp = lobe * lobe * lobe;
+    lobe = mix(lobe, sharp * sharp, bloody);
 #endif
     amount = amount * open + 0.07 * beam;
 #endif
@@ -304,7 +306,7 @@ void main() {
 #endif
 #ifdef TISSUE
 #ifdef BLEEDING
-    skin.w = max(skin.w, bloody);
+    skin.w = mix(skin.w, 0.5, bloody);
 #endif
     glint *= 0.2 + 3.2 * skin.w;
 #endif

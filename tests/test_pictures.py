@@ -34,7 +34,7 @@ OTHERWISE = {
     ),
     "a board before the scope, as tests draw it": ("board.jpg", "checkerboard.png"),
 }  # fmt: skip
-#: Folders of the solids (`make cad`) and of the tutorial's notebooks, which have tests of their own.
+#: Folders of the solids (`make cad`) and of the tutorial's notebooks.
 FOLDERS = "arms/", "tutorial/"
 #: Width to which pictures are reduced [px], and differences that are allowed there, of 255: the
 #: mean, and what all but a hundredth are below. Source: drawn again on one machine 0 to 0.6 and 0

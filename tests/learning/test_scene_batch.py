@@ -30,6 +30,7 @@ KEPT_OUT = {
     "suturing": "tissue",
     "thread-handover": "threads",
     "thread-knot": "threads",
+    "tissue-retraction": "joints",
     "visual-servoing": "images",
 }
 SEEDS = (3, 11)

@@ -55,7 +55,7 @@ Picture = NDArray[np.uint8]
 def main(words: list[str]) -> None:
     """Write both files, or the picture alone."""
     folder, stills = Path(words[0]) if words else FOLDER, "--stills" in words
-    names = [n for n in own_scenes() if load_scene(n).arms != ("ECM",)]  # nothing is drawn there
+    names = [n for n in own_scenes() if load_scene(n).rig.objects]  # others show arms alone
     width, height = SIZE
     rows = -(-len(names) // ACROSS)
     sheet = np.zeros((2 * rows * height, ACROSS * width, 3), np.uint8)

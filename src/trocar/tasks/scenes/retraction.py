@@ -26,7 +26,7 @@ class TissueRetraction(Task):
 
     task = "tissue-retraction"
 
-    #: What is to be seen, and the number of its points. Source: the scene; our own choice.
+    #: The prop to be seen, and the number of its points. Source: the scene; our own choice.
     TARGET, POINTS = "vessel", 5
     #: The hinge of the base, in its frame. Source: the scene. [m]
     BASE_M = np.array([0.0, 0.012, 0.0])
@@ -43,7 +43,7 @@ class TissueRetraction(Task):
         world = self.world
         vessel = next(p for p in self.scene.rig.props if p.name == self.TARGET)
         (shape,) = vessel.shapes
-        along = np.linspace(-shape.size[1], shape.size[1], self.POINTS)
+        along = float(shape.size[1]) * np.linspace(-1.0, 1.0, self.POINTS)
         line = np.column_stack([np.zeros((self.POINTS, 2)), along])
         points = transform_points(vessel.pose @ shape.pose, line)
         camera = next(c for c in world.cameras().values() if c.kind == "endoscope")
@@ -92,10 +92,10 @@ class TissueRetraction(Task):
 
 
 def passes(start: Array, ends: Array, half: Array) -> NDArray[np.bool_]:
-    """Return which lines from a point (3,) to others (n, 3) pass a box about the origin, (n,).
+    """Test for lines from a point (3,) to others (n, 3) whether they pass a box, (n,).
 
     Args:
-        start, ends: in the box's axes [m]
+        start, ends: in the box's axes, from its middle [m]
         half: half its edges, (3,) [m]
     """
     way = ends - start

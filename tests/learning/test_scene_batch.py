@@ -30,6 +30,7 @@ KEPT_OUT = {
     "suturing": "tissue",
     "thread-handover": "threads",
     "thread-knot": "threads",
+    "tissue-retraction": "met",
     "visual-servoing": "images",
 }
 SEEDS = (3, 11)

@@ -87,3 +87,16 @@ def test_a_scene_without_tissue_has_no_cavity() -> None:
         scene_with("peg-board", {"surroundings": "cavity"})
     with pytest.raises(DescriptionError, match="surroundings"):
         scene_with("needle-pick", {"surroundings": "kitchen"})
+
+
+def test_gauze_lies_in_a_cavity_as_cloth_that_stays_below_and_within_the_pad() -> None:
+    worlds = [World(scene_with("suturing", {"surroundings": at}).rig) for at in ("table", "cavity")]
+    box, cloth = (next(s for s in world.shapes() if s.name == "foam/0") for world in worlds)
+    assert box.kind == "box" and cloth.kind == "mesh" and cloth.material == "gauze"
+    assert cloth.triangles is not None and cloth.normals is not None
+    points, faces = cloth.triangles
+    assert points[:, 2].max() <= box.size[2] and points[:, 2].min() >= -box.size[2] - 1e-3
+    inner = np.abs(points[:, :2]).max(axis=1) < 0.7 * box.size[1]
+    assert points[inner, 2].min() > box.size[2] - 1e-3  # the needle lies on it
+    assert (cloth.normals[inner, 2] > 0.9).all() and faces.max() < len(points)
+    assert np.ptp(points[:, :2], axis=0) == pytest.approx(2.0 * box.size[:2], abs=5e-3)

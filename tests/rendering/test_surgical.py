@@ -11,6 +11,7 @@ from tests.rendering.scenes import camera, disc, mesh, snapshot, stereo
 from trocar.errors import InputError
 from trocar.rendering import Channels, Look, Renderer, Series, StereoFrame
 from trocar.rendering.exposure import LEAST, MOST
+from trocar.rendering.look import BLOOD_M, POOL_M
 from trocar.rendering.textures import tissue
 from trocar.simulation.records import Drawing, DrawnCurve, DrawnSurface
 
@@ -179,3 +180,35 @@ def test_smoke_blood_and_compression_show() -> None:
 def test_a_look_that_cannot_be_is_rejected(given: dict, message: str) -> None:
     with pytest.raises(InputError, match=message):
         Look(**given)
+
+
+@pytest.mark.usefixtures("opengl")
+def test_blood_spreads_with_time_as_its_volume_has_it_and_is_dark_and_red() -> None:
+    look = replace(DULL, exposure=0.5, bleeding=2.0, bleeding_at=(0.025, 0.015, 0.1))
+    renderer = Renderer(lambda: (1, ()), look=look)
+
+    def shot(time: float) -> np.ndarray:
+        frame = renderer.render(snapshot(time=time)._replace(drawings=(sheet(),)), EYES, "eye")
+        return frame.left.astype(float)
+
+    before, areas = shot(0.0), []
+    for time in (1.0, 2.0, 4.0):
+        now = shot(time)
+        changed = np.abs(now - before).max(axis=-1) > 30.0
+        areas.append(changed.sum())
+        dark = now[changed]
+        assert (dark[:, 0] > 3.0 * dark[:, 1]).mean() > 0.9
+        assert dark.mean() < 0.7 * before[changed].mean()
+    assert areas[1] == pytest.approx(2.0 * areas[0], rel=0.25)
+    assert areas[2] == pytest.approx(2.0 * areas[1], rel=0.25)
+    assert (shot(4.0) == now).all() and (shot(0.0) == before).all()
+    renderer.close()
+
+
+def test_a_pool_of_blood_has_the_volume_that_flowed_up_to_its_largest_radius() -> None:
+    look = Look("surgical", bleeding=6.0)  # 0.1 ml/s
+    assert np.pi * look.pool(2.0) ** 2 * BLOOD_M == pytest.approx(2e-7)
+    assert look.pool(-1.0) == 0.0 and look.pool(1e6) == POOL_M and Look().pool(1e6) == 0.0
+    for wrong in ({"bleeding": 61.0}, {"bleeding": -1.0}, {"bleeding_at": (0.0, 1.0)}):
+        with pytest.raises(InputError, match=next(iter(wrong))):
+            Look("surgical", **wrong)  # type: ignore[arg-type]

@@ -1,9 +1,10 @@
 """Draw the scenes of `trocar.tasks`: docs/images/scenes.jpg and scenes.mp4.
 
-python tools/docs/scene_pictures.py [FOLDER]
+python tools/docs/scene_pictures.py [FOLDER [--stills]]
 
 The picture shows each scene in the middle of an episode, as the endoscope sees it with the surgical
-look and from the room; the video the first ten seconds of an episode of each, side by side.
+look and from the room; the video, which --stills leaves out, the first ten seconds of an episode of
+each, side by side.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from trocar.tasks.controller import PERIOD_S
 
 FOLDER = Path(__file__).parents[2] / "docs" / "images"
 #: Size of a picture, scenes in a row, quality of the sheet, pictures a second, length [s].
-SIZE, ACROSS, QUALITY, RATE_HZ, LENGTH_S = (256, 144), 5, 80, 12.5, 10.0
+SIZE, ACROSS, QUALITY, RATE_HZ, LENGTH_S = (256, 144), 7, 80, 12.5, 10.0
 #: When pictures are taken: something is held or moved then. [s]
 WHEN_S = {
     "dynamic-pendulum": 0.6,
@@ -42,6 +43,7 @@ WHEN_S = {
     "needle-regrasp": 3.6,
     "thread-handover": 2.6,
     "thread-knot": 3.5,
+    "tissue-retraction": 2.0,
 }
 DEFAULT_S = 2.2
 #: Where the room's camera is, and what it looks at [m].
@@ -51,9 +53,9 @@ Picture = NDArray[np.uint8]
 
 
 def main(words: list[str]) -> None:
-    """Write both files."""
-    folder = Path(words[0]) if words else FOLDER
-    names = [n for n in own_scenes() if load_scene(n).arms != ("ECM",)]  # nothing is drawn there
+    """Write both files, or the picture alone."""
+    folder, stills = Path(words[0]) if words else FOLDER, "--stills" in words
+    names = [n for n in own_scenes() if load_scene(n).rig.objects]  # others show arms alone
     width, height = SIZE
     rows = -(-len(names) // ACROSS)
     sheet = np.zeros((2 * rows * height, ACROSS * width, 3), np.uint8)
@@ -62,20 +64,23 @@ def main(words: list[str]) -> None:
         down, across = (k // ACROSS) * height, (k % ACROSS) * width
         columns = slice(across, across + width)
         when = round(WHEN_S.get(name, DEFAULT_S) * RATE_HZ)
-        for n, (left, still) in enumerate(islice(pictures(name, when), len(film))):
+        count = when + 1 if stills else len(film)
+        for n, (left, still) in enumerate(islice(pictures(name, when, not stills), count)):
             film[n, down : down + height, columns] = left
             if still is not None:
                 sheet[2 * down : 2 * (down + height), columns] = still
         print(name, file=sys.stderr)
     Image.fromarray(sheet).save(folder / "scenes.jpg", quality=QUALITY)
+    if stills:
+        return
     size = ACROSS * width, rows * height
     with video(folder / "scenes.mp4", size, RATE_HZ, overwrite=True) as add:
         for picture in film:
             add(picture)
 
 
-def pictures(name: str, when: int) -> Iterator[tuple[Picture, Picture | None]]:
-    """Yield the left eye's pictures of an episode, and at one of them both stills, without end."""
+def pictures(name: str, when: int, film: bool) -> Iterator[tuple[Picture, Picture | None]]:
+    """Yield the left eye's pictures of an episode, black without a film, and at one both stills."""
     scene = load_scene(name)
     cameras = (*scene.rig.cameras, room())
     task = make_task(replace(scene, rig=replace(scene.rig, cameras=cameras)))
@@ -93,7 +98,8 @@ def pictures(name: str, when: int) -> Iterator[tuple[Picture, Picture | None]]:
                 ):
                     seen = named(name, wet.capture().left), np.asarray(view.capture().left)
                     still = np.concatenate(seen)
-            yield named(name, scope.capture_next().left), still
+            black = np.zeros((*SIZE[::-1], 3), np.uint8)
+            yield named(name, scope.capture_next().left) if film else black, still
             for _ in range(every):
                 action = next(policy, None)
                 if not task.done:

@@ -19,7 +19,7 @@ from benchmarks.needle_stage import held_pose
 from trocar.descriptions.catalogue import load_scene
 from trocar.geometry import inverse, transform
 from trocar.rendering import Endoscope, Look
-from trocar.rendering.look import vignette_of
+from trocar.rendering.look import bleeding_place, vignette_of
 from trocar.simulation.records import DrawnCurve, DrawnSurface
 from trocar.tasks import make_task, scene_with
 
@@ -29,8 +29,12 @@ LOOKS = (
     Look("surgical", samples=4),
     Look("surgical", samples=4, blood=0.1, smoke=0.3, noise=0.02, vignette=0.4),
 )
-#: Scenes in a cavity: seed, and commands before the picture.
-CAVITY = {"needle-pick": (0, 75), "suturing": (7, 400)}
+#: Scenes in a cavity: seed, commands before the picture, and bleeding [ml/min].
+CAVITY = {
+    "needle-pick": (0, 75, 0.0),
+    "suturing": (7, 400, 0.0),
+    "tissue-retraction": (3, 105, 3.0),
+}
 #: The tissue: half its side, its vertices a side, the height of its lowest point [m].
 HALF_M, VERTICES, BED_M = 0.06, 121, 0.006
 #: Where the instruments' tips are, in the world, and how far their jaws are open. [m, rad]
@@ -47,13 +51,20 @@ def main(words: list[str]) -> None:
 def cavity() -> Image.Image:
     """Return the scenes in a cavity, beside each other."""
     seen: list[np.ndarray] = []
-    for name, (seed, commands) in CAVITY.items():
+    for name, (seed, commands, bleeding) in CAVITY.items():
         task = make_task(scene_with(name, {"surroundings": "cavity"}))
         task.reset(seed)
         policy = task.policy()
         for _ in range(commands):
             task.command(next(policy))
-        look = Look("surgical", vignette=vignette_of(task.world.rig), samples=4)
+        rig = task.world.rig
+        look = Look(
+            "surgical",
+            vignette=vignette_of(rig),
+            bleeding=bleeding,
+            bleeding_at=bleeding_place(rig),
+            samples=4,
+        )
         scope = Endoscope(task.world, preset="dvrk_sd_640x480", look=look)
         seen.append(np.asarray(scope.capture().left))
         scope.close()

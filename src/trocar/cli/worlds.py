@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -163,6 +163,8 @@ def add_look(group: Arguments) -> None:
                                           rig has tissue, else plain)
         --smoke 0..1:number = 0           smoke, in the surgical look
         --blood 0..1:number = 0           ratio of tissue under blood, in the surgical look
+        --bleeding ML_MIN:number = 0      blood that spreads from the middle of the tissue, in the
+                                          surgical look
         --jpeg QUALITY:int = 0            compress images as a video does, 1 to 95 (0 = not at all)
     """, exposure=_exposure)  # fmt: skip
 
@@ -210,9 +212,10 @@ def look_of(args: Namespace, rig: RigDescription, samples: int = 0) -> Look:
     Raises:
         InputError: a value is out of range
     """
-    from trocar.rendering.look import style_of, vignette_of
+    from trocar.rendering.look import bleeding_place, style_of, vignette_of
 
-    return _look(args, args.look or style_of(rig), vignette_of(rig), samples)
+    found = _look(args, args.look or style_of(rig), vignette_of(rig), samples)
+    return replace(found, bleeding_at=bleeding_place(rig)) if args.bleeding else found
 
 
 def _look(
@@ -220,7 +223,7 @@ def _look(
 ) -> Look:
     from trocar.rendering import Look
 
-    for name in ("smoke", "blood"):
+    for name in ("smoke", "blood", "bleeding"):
         if getattr(args, name) and style != "surgical":
             raise InputError(
                 f"--{name}: got {getattr(args, name):g} in the plain style; allowed: with --look"
@@ -230,6 +233,7 @@ def _look(
         style=style,
         smoke=args.smoke,
         blood=args.blood,
+        bleeding=args.bleeding,
         jpeg=args.jpeg,
         shadows=not args.no_shadows,
         exposure=args.exposure,

@@ -39,4 +39,6 @@ MATERIALS = Materials({
     "drape": Material((0.35, 0.58, 0.62, 1.0), 0.1),
     "floor": Material((0.80, 0.81, 0.83, 1.0), 0.1),
     "tissue": Material((0.76, 0.40, 0.36, 1.0), 0.45),
+    "membrane": Material((0.86, 0.62, 0.54, 1.0), 0.45),
+    "gauze": Material((0.84, 0.81, 0.76, 1.0), 0.05),
 })  # fmt: skip

@@ -42,6 +42,7 @@ SCENES = (
     "suturing",
     "thread-handover",
     "thread-knot",
+    "tissue-retraction",
     "visual-servoing",
 )
 

@@ -27,8 +27,9 @@ Ints = NDArray[np.int64]
 #: Error of a level that an object does not have: too coarse to be chosen.
 NEVER = np.inf
 #: Kinds of surfaces with a program of their own in the surgical style, and the metallic ratio from
-#: which a surface is metal; tissue is named by its material. Source: our own choice.
-KINDS, METAL = ("", "tissue", "metal"), 0.5
+#: which a surface is metal; the others are named by their materials. Source: our own choice.
+KINDS, METAL = ("", "tissue", "metal", "gauze"), 0.5
+TEXTURED = {"tissue": "tissue", "membrane": "tissue", "gauze": "gauze"}
 #: Columns of a `Scenery`, one row for each object.
 EACH = ("bodies", "centres", "halves", "first", "count", "errors",
         "colours", "gloss", "kinds", "ids", "of_arms")  # fmt: skip
@@ -182,7 +183,7 @@ def _packed(
             vertex, place = vertex + len(part.points), place + part.faces.size
     colours = [[*linear(look.rgba[:3]), look.metal] for look in looks]
     material = [getattr(look, "material", "") for look in looks]
-    kinds = [KINDS.index("tissue") if name in KINDS[1:2] else
+    kinds = [KINDS.index(TEXTURED[name]) if name in TEXTURED else
              KINDS.index("metal") if look.metal >= METAL else 0
              for name, look in zip(material, looks, strict=True)]  # fmt: skip
     packed = np.concatenate(points).astype(np.float32)

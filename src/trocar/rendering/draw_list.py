@@ -78,6 +78,7 @@ class DrawList:
         shading: commands of what throws shadows, (j, 5); empty without shadows
         light: in the reference frame
         backdrop: background colour, 0 to 1
+        T_reference_world: pose of the world in the reference frame, (4, 4)
     """
 
     rows: Array
@@ -86,6 +87,7 @@ class DrawList:
     shading: Commands
     light: Light
     backdrop: tuple[float, float, float]
+    T_reference_world: Array
 
 
 def placed(things: Scenery, snapshot: Snapshot, T_reference_world: Array) -> PlacedObjects:
@@ -155,6 +157,7 @@ def draw_list(
         shading=commands(things, who, simple),
         light=light,
         backdrop=DARK if light.scope else WALL,
+        T_reference_world=objects.T_reference_world,
     )
 
 

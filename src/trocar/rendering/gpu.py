@@ -44,6 +44,8 @@ SHADOW_OFFSET = 2.0, 32.0
 #: within which light from around is missing [m], and smoke that halves contrast [1/m]. Source:
 #: chosen by eye.
 SOFT, CONTACT, SMOKE = 1.6, 0.0025, 12.0
+#: Distance of the threads of gauze [m]. Source: our own choice, coarse enough to be seen.
+THREADS_M = 7e-4
 #: Components and type of each output's texture.
 FORMATS = {"COLOUR": (4, "f1"), "DEPTH": (1, "f4"), "IDS": (1, "i4"), "NORMALS": (4, "f4")}
 #: Components and type of each output as it is read.
@@ -122,7 +124,7 @@ class Gpu:
             listed: uploaded unless the picture before was drawn from it
             lenses: the camera's
             outputs: "COLOUR", "DEPTH", "IDS", "NORMALS", in this order
-            time: seeds the noise [s]
+            time: seeds the noise, and blood has spread for so long [s]
             stops: exposure
 
         Raises:
@@ -142,7 +144,7 @@ class Gpu:
             target = self._target(size, some, samples)
             target.use()
             _clear(target, some, listed.backdrop)
-            self._draw_eyes(listed, lenses, some, 2.0**stops, shade[0])
+            self._draw_eyes(listed, lenses, some, (time, 2.0**stops), shade[0])
             if samples:
                 whole = self._target(size, some)
                 ctx.copy_framebuffer(whole, target)
@@ -223,9 +225,11 @@ class Gpu:
         listed: DrawList,
         lenses: Optics,
         outputs: Sequence[str],
-        exposure: float,
+        moment: tuple[float, float],
         shade: moderngl.Texture,
     ) -> None:
+        """Draw what the eyes see at a moment: its time [s], and factor of the exposure."""
+        time, exposure = moment
         light, look, frustum = listed.light, self._look, listed.light.frustum
         surgical = light.scope and not self._plain
         switches = {
@@ -235,9 +239,10 @@ class Gpu:
             "VIGNETTE": look.vignette > 0.0,
             "SURGICAL": surgical,
             "SMOKE": surgical and look.smoke > 0.0,
+            "BLEEDING": surgical and look.bleeding > 0.0,
         }
         defines = _outputs(outputs) + [name for name, on in switches.items() if on]
-        defines.append(f"AROUND {light.around:.6f}")
+        defines += [f"AROUND {light.around:.6f}", f"WEAVE {np.pi / THREADS_M:.6f}"]
         if surgical:
             self._bind_structures(shade)
         wide, tall = frustum.right - frustum.left, frustum.bottom - frustum.top
@@ -262,6 +267,11 @@ class Gpu:
                 sky = (*(T[:3, :3] @ light.up), light.around)
                 own_eye = {"eye": _columns(T), "pinhole": lens.clip, "depths": lens.depths}
                 self._uniform(program, {**own_eye, "light": at, "sky": sky})
+                if switches["BLEEDING"]:
+                    T_eye_world = T @ listed.T_reference_world
+                    wound = T_eye_world[:3, :3] @ look.bleeding_at + T_eye_world[:3, 3]
+                    pool = {"pool": (*wound, look.pool(time)), "rise": tuple(T_eye_world[:3, 2])}
+                    self._uniform(program, pool)
                 self._draw_commands(program, SEEN, first, count)
 
     def _bind_structures(self, shade: moderngl.Texture) -> None:

@@ -72,6 +72,7 @@ class Series:
             and drawn is not None
             and drawn[1] == requested
             and self._renderer.look.noise == 0.0
+            and self._renderer.look.bleeding == 0.0
             and not drawn[0].drawings
             and not snapshot.drawings
             and stands_still(drawn[0], snapshot)

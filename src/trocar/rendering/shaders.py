@@ -72,6 +72,11 @@ out float open;
 layout(binding = 10) uniform sampler2D hollow;
 uniform vec3 reach;   // radius of contacts at depth 1 in the map, across and down; near over it
 #endif
+#ifdef GAUZE
+out vec2 spot;
+flat out vec3 along_u;
+flat out vec3 along_v;
+#endif
 
 void main() {
     vec3 r = in_reference();
@@ -85,6 +90,11 @@ void main() {
     spot = place * places;
     along_u = bump * mat3(eye) * turned_by(places[0]);
     along_v = bump * mat3(eye) * turned_by(places[1]);
+#endif
+#ifdef GAUZE
+    spot = WEAVE * place.xy;
+    along_u = mat3(eye) * turned_by(vec3(1.0, 0.0, 0.0));
+    along_v = mat3(eye) * turned_by(vec3(0.0, 1.0, 0.0));
 #endif
 #ifdef SCOPE
     float unit = inversesqrt(power.x);
@@ -200,9 +210,18 @@ _ROOM = """
 _SURGICAL = """
 #ifdef SURGICAL
     vec3 base = albedo.rgb;
+#ifdef GAUZE
+    base *= 0.92 + 0.08 * raised;
+#endif
 #ifdef TISSUE
     base *= vec3(0.66, 0.36, 0.38) + vec3(0.62, 1.12, 1.06) * skin.z;
     base.r = mix(base.r, sqrt(base.r), 0.5 * (1.0 - facing * lit));
+#ifdef BLEEDING
+    vec3 blood = mix(vec3(0.52, 0.07, 0.06), vec3(0.40, 0.03, 0.03), smoothstep(0.9, 0.3, deep));
+    base = mix(base, blood, 0.92 * bloody);
+    float sharp = lobe * lobe * lobe;
+    lobe = mix(lobe, sharp * sharp, bloody);
+#endif
     amount = amount * open + 0.07 * beam;
 #endif
 #endif
@@ -222,6 +241,10 @@ uniform vec3 light;
 uniform vec4 power;
 uniform vec4 sky;     // up in the eye's frame, strength of the light from all around
 uniform sampler2DShadow shade;
+#ifdef BLEEDING
+uniform vec4 pool;    // the point that bleeds, and how far blood has spread from there
+uniform vec3 rise;    // upwards
+#endif
 #ifdef SURGICAL
 uniform float blur;
 layout(binding = 8) uniform sampler2D structure;
@@ -233,12 +256,29 @@ in float open;
 flat in vec3 along_u;
 flat in vec3 along_v;
 #endif
+#ifdef GAUZE
+in vec2 spot;
+flat in vec3 along_u;
+flat in vec3 along_v;
+#endif
 
 void main() {
 #ifdef COLOUR
-#ifdef TISSUE
+#ifdef GAUZE
+    vec2 over = sin(spot), steep = cos(spot);
+    float raised = over.x * over.y;
+    vec3 facet = across - 0.45 * (steep.x * over.y * along_u + over.x * steep.y * along_v);
+#elif defined(TISSUE)
     vec4 skin = texture(structure, spot);
     vec3 facet = across + (skin.x - 0.5) * along_u + (skin.y - 0.5) * along_v;
+#ifdef BLEEDING
+    vec3 off = at - pool.xyz;
+    float above = dot(off, rise);
+    float rim = pool.w * (0.55 + 0.9 * textureLod(structure, 0.4 * spot, 3.0).z) + 1e-9;
+    float deep = length(off - above * rise) / rim;
+    float bloody = smoothstep(1.0, 0.9, deep) * smoothstep(2.0e-3, 1.4e-3, above);
+    facet = mix(facet, across, 0.85 * bloody);
+#endif
 #else
     vec3 facet = across;
 #endif
@@ -265,7 +305,13 @@ void main() {
     c = 0.55 * c + 0.72 * bright * textureLod(mirror, r.xy * sphere + 0.5, 0.0).rgb;
 #endif
 #ifdef TISSUE
+#ifdef BLEEDING
+    skin.w = mix(skin.w, 0.5, bloody);
+#endif
     glint *= 0.2 + 3.2 * skin.w;
+#endif
+#ifdef GAUZE
+    glint *= 0.1;
 #endif
     c += min(glint, 1.0) * (1.0 - c);
 #ifdef SMOKE

@@ -7,6 +7,7 @@ endoscope; bowel, liver and fat lie at its edge. All is generated, the same in e
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -50,6 +51,15 @@ LOBES = (
 LINE = ((-0.075, 0.086, 0.006), (-0.035, 0.060, 0.004), (0.010, 0.068, 0.005),
         (0.045, 0.058, 0.004), (0.075, 0.090, 0.006))  # fmt: skip
 BOWEL_M, POUCHES, POUCH = 0.0125, 17, 0.10
+#: Pads that are drawn as folded cloth: points along an edge, width of the fold down to the bed,
+#: depth of the waves of their upper side and width of those of their outline [m]. Source: chosen by
+#: eye; nothing rises above the pad.
+WOVEN, FALL_M, SAG_M, FRAY_M = 31, 0.0022, 0.0006, 0.0011
+#: Plates of a membrane: points along x and around it; growth of their width with y [1/m]; waves of
+#: their outline along y: ratio and number [1/m]; height [m] and number of those of their faces.
+#: Source: chosen by eye.
+PLATE, GROWTH = (23, 16), 7.0
+OUTLINES, FACE_M, FACE = ((0.05, 420.0, 0.4), (0.03, 1100.0, 1.7)), 0.00035, (330.0, 260.0)
 
 
 def cavity_shapes(rig: RigDescription, body: dict[str, int]) -> tuple[ShapeRecord, ...]:
@@ -96,6 +106,89 @@ def cavity_shapes(rig: RigDescription, body: dict[str, int]) -> tuple[ShapeRecor
             )
         )
     return tuple(found)
+
+
+def top_of_tissue(rig: RigDescription) -> Array:
+    """Return the middle of the upper face of a rig's tissue where it is placed, (3,) [m].
+
+    Raises:
+        InputError: there is no prop of tissue
+    """
+    middle, half = _box(_tissue(rig))
+    return np.array([middle[0], middle[1], middle[2] + half[2]])
+
+
+def as_cloth(record: ShapeRecord) -> ShapeRecord:
+    """Return a box of gauze as cloth that lies on the bed: waves, round corners, uneven edges.
+
+    Args:
+        record: of the box; z of its frame points upwards
+    """
+    x, y, z = record.size
+    line = np.linspace(-1.0, 1.0, WOVEN)
+    u, v = np.meshgrid(line, line, indexing="ij")
+    far = np.maximum(np.abs(u), np.abs(v))
+    edge = np.clip((far - 1.0) * min(x, y) / FALL_M + 1.0, 0.0, 1.0)
+    # A square whose corners are drawn in, and whose edges wave.
+    drawn_in = 1.0 - 0.10 * (u * v) ** 4
+    wave = np.sin(9.0 * np.arctan2(v, u) + 1.0) + 0.6 * np.sin(17.0 * np.arctan2(v, u))
+    points = np.stack(
+        [
+            u * (x * drawn_in + FRAY_M * wave * far**4),
+            v * (y * drawn_in - FRAY_M * wave * far**4),
+            z
+            - 0.5 * SAG_M * (1.0 - np.sin(4.0 * u + 1.5 * v) * np.cos(3.0 * v - u))
+            - 2.0 * z * edge**1.5,
+        ],
+        axis=-1,
+    ).reshape(-1, 3)
+    here = (np.arange(WOVEN - 1)[:, None] * WOVEN + np.arange(WOVEN - 1)).ravel()
+    right, up = here + WOVEN, here + 1
+    faces = np.concatenate(
+        [np.stack([here, right, right + 1], -1), np.stack([here, right + 1, up], -1)]
+    )
+    return replace(
+        record,
+        kind="mesh",
+        rounding=0.0,
+        triangles=(points, faces),
+        normals=normals_of(points, faces),
+    )
+
+
+def as_membrane(record: ShapeRecord) -> ShapeRecord:
+    """Return a box of membrane with rounded ends, an uneven outline and uneven faces.
+
+    Both follow from places in the prop's frame, so plates whose frames lie at one place, hinged
+    side by side, have one outline.
+
+    Args:
+        record: of a box whose z is thinnest
+    """
+    half = record.size
+    columns, n = PLATE
+    u = np.linspace(-1.0, 1.0, columns)[:, None]
+    angle = np.linspace(0.0, 2.0 * np.pi, n, endpoint=False)
+    full = np.maximum(1.0 - np.abs(u) ** 10, 1e-3) ** 0.5
+    c, s = np.cos(angle), np.sin(angle)
+    y = half[1] * np.sign(c) * np.abs(c) ** 0.4 * (0.6 + 0.4 * full)
+    z = half[2] * np.sign(s) * np.abs(s) ** 0.5 * full
+    flat = np.stack([half[0] * u + 0.0 * y, y, z], axis=-1).reshape(-1, 3)
+    points = transform_points(record.pose, flat)
+    side = np.sign(points[:, 0])
+    wide = 1.0 + GROWTH * points[:, 1]
+    for ratio, number, phase in OUTLINES:
+        wide += ratio * np.sin(number * points[:, 1] + phase * side)
+    rough = np.sin(FACE[0] * points[:, 0] + 1.0) * np.cos(FACE[1] * points[:, 1] + 0.5)
+    points = np.column_stack([points[:, 0] * wide, points[:, 1], points[:, 2] + FACE_M * rough])
+    own, faces = transform_points(inverse(record.pose), points), _rings(columns, n)
+    return replace(
+        record, kind="mesh", rounding=0.0, triangles=(own, faces), normals=normals_of(own, faces)
+    )
+
+
+#: Boxes that are drawn as something softer in a cavity, by their material.
+SOFTER = {"gauze": as_cloth, "membrane": as_membrane}
 
 
 def covered(rig: RigDescription) -> frozenset[str]:
@@ -246,7 +339,7 @@ def _outside(points: Array, box: Array) -> Array:
 
 def _tissue(rig: RigDescription) -> Prop:
     if rig.tissue is None:
-        raise InputError(f'{rig.name}: surroundings: got "cavity"; allowed: with a prop of tissue')
+        raise InputError(f"{rig.name}: got no tissue; allowed: with a prop of tissue")
     return rig.tissue
 
 

@@ -16,7 +16,7 @@ from trocar.descriptions.materials import MATERIALS
 from trocar.descriptions.records import RigDescription, Shape
 from trocar.geometry.rotations import quaternion_from_matrix
 from trocar.modeling import naming
-from trocar.simulation.cavity import cavity_shapes, covered
+from trocar.simulation.cavity import SOFTER, cavity_shapes, covered
 from trocar.simulation.records import ShapeRecord
 
 
@@ -33,7 +33,11 @@ def shape_records(rig: RigDescription, model: mujoco.MjModel) -> tuple[ShapeReco
             continue
         body = model.body(prop.name).id
         for number, shape in enumerate(s for s in prop.shapes if s.visible):
-            found.append(_record(shape, body, f"{prop.name}/{number}", None, ""))
+            record = _record(shape, body, f"{prop.name}/{number}", None, "")
+            soft = rig.surroundings == "cavity" and shape.kind == "box"
+            found.append(
+                SOFTER[shape.material](record) if soft and shape.material in SOFTER else record
+            )
     for arm in rig.arms:
         for part in arm.arm.bodies:
             body = model.body(naming.scoped(arm.name, part.frame)).id

@@ -20,7 +20,7 @@ from trocar.geometry.rotations import (
     rotation_vector_from_matrix,
 )
 from trocar.rendering import Endoscope, Look, StereoFrame
-from trocar.rendering.look import vignette_of
+from trocar.rendering.look import bleeding_place, vignette_of
 from trocar.tasks.controller import PERIOD_S
 from trocar.tasks.motions import UP, Hand, Motion, together
 from trocar.tasks.task import Task
@@ -104,7 +104,9 @@ class EndoscopeTask(Task):
         """Return the endoscope, opened at the first call."""
         if self._scope is None:
             movable = [prop.name for prop in self.world.rig.objects]
-            own: dict[str, Any] = {**LOOK, "vignette": vignette_of(self.world.rig)}
+            rig = self.world.rig
+            of_rig = {"vignette": vignette_of(rig), "bleeding_at": bleeding_place(rig)}
+            own: dict[str, Any] = {**LOOK, **of_rig}
             look = Look(**{**own, **self.scene.look})
             self._scope = Endoscope(self.world, preset=PRESET, visible=movable, look=look)
         return self._scope

@@ -22,7 +22,7 @@ PAGE = genuine.ROOT / "docs" / "as-on-the-robot.md"
 
 #: Steps and facts that are as the robot's, or differ on purpose. A change may raise these.
 REACHED = {
-    "psm": 365, "mtm": 58, "ecm": 45, "suj": 15, "teleoperation": 28,
+    "psm": 366, "mtm": 60, "ecm": 46, "suj": 15, "teleoperation": 28,
     "walk-states": 332, "walk-moves": 84, "walk-poses": 90,
 }  # fmt: skip
 #: The same for part A alone, the states.
@@ -64,10 +64,6 @@ def test_each_difference_on_purpose_is_a_row_of_the_page(reason: str) -> None:
     assert any(reason.startswith(f"{subject}:") for subject in subjects)
 
 
-def test_at_most_fifteen_steps_of_a_psm_differ_on_purpose() -> None:
-    assert len(PURPOSE["psm"]) <= 15
-
-
 def test_forward_kinematics_of_the_si_are_as_recorded(capsys: pytest.CaptureFixture[str]) -> None:
     recorded = genuine.read(genuine.RECORDED / "psm-si.json.gz")["facts"]
     names = [name for name in recorded if name.startswith("local/forward")]
@@ -91,7 +87,10 @@ def test_states_are_as_recorded() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("plan", REACHED)
 def test_answers_are_as_recorded(plan: str) -> None:
-    assert kept(genuine.rows(plan)) >= REACHED[plan]
+    rows = genuine.rows(plan)
+    assert kept(rows) >= REACHED[plan]
+    if plan == "psm":
+        assert sum(row.verdict == "purpose" for row in rows) <= 15
 
 
 def test_a_record_is_the_same_as_itself() -> None:

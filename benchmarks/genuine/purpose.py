@@ -9,7 +9,6 @@ EFFORT = "efforts: the arm moves by its dynamics; the robot's simulation has non
 HOMED = "a new simulation: ours is enabled and homed; the robot's software starts DISABLED"
 MASTER = "teleoperation: a simulated master yields to its load; the robot's simulation has none"
 UNSET = "move_jr during a move: the jaw's goal stays; the robot adds a number that it never set"
-WRIST = "the cannula: Cartesian commands are refused there; the robot's search fails, then jumps"
 TOOL = "no instrument: an arm has three joints; the robot's set-points keep those of the instrument"
 BRAKES = "setup joints: brakes and links yield by a millimetre; the robot's simulation has no load"
 
@@ -24,8 +23,6 @@ PURPOSE: dict[str, dict[str, str]] = {
         "N4 disable": NAN, "N5 home": NAN,
     },
     "walk-moves": {"3.06 jaw/servo_jp jaw/move_jp move_jr": UNSET},
-    "walk-poses": {f"4.{k:02d} {word}": WRIST for k, word in enumerate(
-        ("back", "far", "back", "near"), 8)},
     "mtm": {
         "S0 disable": HOMED, "S1 move_jp while DISABLED": HOMED, "S2 home while DISABLED": HOMED,
         "S3 pause while DISABLED": HOMED, "P fix": HOMED, "G2 body/servo_cf 0": EFFORT,

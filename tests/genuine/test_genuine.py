@@ -159,6 +159,32 @@ def test_a_refused_move_where_the_robot_hangs_is_on_purpose_until_the_hang_ends(
     assert before_parting(rows) == {"0": (2, 3)}
 
 
+def test_a_goal_of_a_hang_is_on_purpose_whenever_the_robot_ends_it() -> None:
+    busy, idle = "ENABLED homed=0 busy=1 sub=-", "ENABLED homed=0 busy=0 sub=-"
+    both = step("0.01 enable", ("operating_state", idle))
+    robot = record(
+        step("0.00 move_jp", ("operating_state", busy)),
+        both,
+        step("0.02 disable", ("goal_reached", False)),
+        step("0.03 disable", ("goal_reached", False)),
+    )
+    ours = record(
+        step("0.00 move_jp", ("operating_state", idle)), both, step("0.02 disable"),
+        step("0.03 disable"),
+    )  # fmt: skip
+    verdicts = [row.verdict for row in compared(ours, robot, {})]
+    assert verdicts == ["purpose", "same", "purpose", "differs"]
+
+
+def test_a_pose_that_the_robot_cannot_solve_from_zeroed_joints_is_on_purpose() -> None:
+    unhomed = ("operating_state", "ENABLED homed=0 busy=0 sub=-")
+    robot = record(step("0.00 move_cp", unhomed, ("error", "no"), ("goal_reached", False)))
+    refused = record(step("0.00 move_cp", unhomed, ("warning", "not homed")))
+    silent = record(step("0.00 move_cp", unhomed))
+    assert [row.verdict for row in compared(refused, robot, {})] == ["purpose"]
+    assert [row.verdict for row in compared(silent, robot, {})] == ["differs"]
+
+
 def test_a_resume_that_the_robot_ignores_is_on_purpose_until_it_is_disabled() -> None:
     paused, enabled = ("PAUSED homed=1 busy=0 sub=-", "ENABLED homed=1 busy=0 sub=-")
     end = ("operating_state", "DISABLED homed=1 busy=0 sub=-")

@@ -252,6 +252,22 @@ def test_in_the_cannula_a_move_cp_after_a_move_is_made_with_a_warning(arm, event
     assert events == [("goal_reached", reached) for reached in (True, True, True, False)]
 
 
+def test_in_the_cannula_commands_of_the_tip_go_on_until_one_of_the_joints(world, arm):
+    """Recorded, walk-poses 4.08: where the arm is in Cartesian space its depth is not looked at."""
+    here = arm.setpoint_cp().matrix
+    assert arm.move_cp(transform(here[:3, :3], [0.0, 0.0, 0.2])).wait(5.0)  # behind the centre
+    assert arm.setpoint_jp()[2] < 0.05
+    behind = arm.setpoint_cp().matrix
+    saved = world.save()
+    for _ in range(2):
+        assert arm.servo_cp(behind)
+        assert arm.jaw.servo_jp([0.1])
+        assert arm.servo_cp(behind)
+        assert arm.servo_jp(arm.setpoint_jp())
+        assert not arm.servo_cp(behind)
+        world.load(saved)
+
+
 def test_one_warning_says_by_how_much_a_goal_is_missed(arm):
     here = arm.setpoint_cp().matrix
     arm.move_cp(shifted(here, 0.0, 0.0, -0.13))

@@ -23,7 +23,7 @@ PAGE = genuine.ROOT / "docs" / "as-on-the-robot.md"
 #: Steps and facts that are as the robot's, or differ on purpose. A change may raise these.
 REACHED = {
     "psm": 366, "mtm": 60, "ecm": 46, "suj": 15, "teleoperation": 28,
-    "walk-states": 332, "walk-moves": 84, "walk-poses": 90,
+    "walk-states": 664, "walk-moves": 84, "walk-poses": 120,
 }  # fmt: skip
 #: The same for part A alone, the states.
 STATES_REACHED = 56

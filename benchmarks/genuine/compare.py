@@ -58,7 +58,7 @@ def compared(
         purpose: {step: reason} of intended differences
     """
     rows = []
-    hanging = stuck = False
+    hanging = stuck = pending = False
     other = dict(zip(_keys(got), got["steps"], strict=True))
     state: list[Any] = [None, None]
     ends: list[dict[str, Any]] = [{}, {}]
@@ -104,13 +104,18 @@ def compared(
         ]  # a warning more is no fault
         stuck = _paused(state[0]) and not _paused(state[1]) and (stuck or "resume" in key[0])
         hung = hangs(seen[0]["state"], seen[1]["state"])
-        if found and (hung or hanging) and _only_hang(seen[0], seen[1], found):
+        pending = (pending and False not in seen[0]["goals"]) or hung
+        unhomed = "homed=0" in _words(state[0]) and "move_cp" in key[0]
+        if found and (
+            ((hung or hanging) and _only_hang(seen[0], seen[1], found))
+            or (unhomed and _only_unsolved(seen[0], seen[1]))
+        ):
             rows.append(Row(key[0], tuple(found), "purpose", HANG))
         elif found and stuck:
             rows.append(Row(key[0], tuple(found), "purpose", RESUME))
         else:
             rows.append(_row(key[0], found, purpose, follows and not hanging))
-        hanging = hung
+        hanging = pending
     for name, a in recorded.get("facts", {}).items():
         b = got.get("facts", {}).get(name)
         found = [] if same_fact(a, b) else [f"{a} here {b}"]
@@ -125,12 +130,25 @@ def _without_repeats(goals: Sequence[bool]) -> list[bool]:
 
 def hangs(robot: Any, ours: Any) -> bool:
     """Return whether the robot is busy for ever where the simulation refused a move."""
-    a, b = (" ".join(each) if isinstance(each, list) else str(each) for each in (robot, ours))
+    a, b = _words(robot), _words(ours)
     return "busy=1" in a and a.replace("busy=1", "busy=0") == b
 
 
 def _paused(state: Any) -> bool:
-    return (" ".join(state) if isinstance(state, list) else str(state)).startswith("PAUSED")
+    return _words(state).startswith("PAUSED")
+
+
+def _words(state: Any) -> str:
+    return " ".join(state) if isinstance(state, list) else str(state)
+
+
+def _only_unsolved(robot: Mapping[str, Any], ours: Mapping[str, Any]) -> bool:
+    """Return whether the robot found no solution from joints that its simulation had zeroed.
+
+    A real arm's are where it stands, and it would be busy for ever.
+    """
+    refused = ours["warning"] and not ours["goals"] and robot["state"] == ours["state"]
+    return bool(refused and robot["error"] and robot["goals"] == [False])
 
 
 def _only_hang(robot: Mapping[str, Any], ours: Mapping[str, Any], found: Sequence[str]) -> bool:
@@ -213,7 +231,7 @@ def _held(state: Any) -> bool:
     Without, the robot's own simulation zeroes them, as it sets them to what it measures, and
     measures what was set.
     """
-    words = " ".join(state) if isinstance(state, list) else str(state)
+    words = _words(state)
     return "homed=0" not in words and not words.startswith(("DISABLED", "FAULT"))
 
 

@@ -13,9 +13,13 @@ JAW = {"jaw/setpoint_js": "sensor_msgs/JointState"}
 PSM1 = "system-PSM1_Classic_KIN_SIMULATED.json"
 #: Topics of a master beside those of every arm.
 MASTER = {"orientation_locked": "std_msgs/Bool", "gripper/closed": "std_msgs/Bool"}
-#: Seeds of walks that were recorded.
 FULL = "system-full-system-simulated.json"
-SEEDS = tuple(str(seed) for seed in range(6))
+#: Seeds of walks that were recorded; those from 20 on are of ten unseen ones that parted first.
+SEEDS = {
+    "walk-states": ("0", "1", "2", "3", "20", "21", "23", "27"),
+    "walk-moves": ("0", "1", "2", "3", "4", "5"),
+    "walk-poses": ("0", "1", "2", "3", "4", "5", "23", "26"),
+}
 
 
 @dataclass(frozen=True)
@@ -46,8 +50,5 @@ PLANS = {
     "psm-si": Plan("PSM1", "", "system-PSM1_Si_KIN_SIMULATED.json", arms.KINEMATICS),
     "suj": Plan("SUJ/PSM1", "full_cart_mtm", FULL, arms.SUJ),
     "teleoperation": Plan("PSM1", "full_cart_mtm", FULL, teleoperation.PARTS, teleoperation.TOPICS),
-    **{
-        name: Plan("PSM1", "psm", PSM1, parts, JAW, SEEDS[: 4 if name == "walk-states" else 6])
-        for name, parts in WALKS.items()
-    },
+    **{name: Plan("PSM1", "psm", PSM1, parts, JAW, SEEDS[name]) for name, parts in WALKS.items()},
 }

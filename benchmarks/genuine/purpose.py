@@ -7,12 +7,8 @@ from benchmarks.genuine.compare import HANG, RESUME
 NAN = "NaN: ours is rejected; the robot's set-points become NaN, and it disables"
 EFFORT = "efforts: the arm moves by its dynamics; the robot's simulation has none"
 HOMED = "a new simulation: ours is enabled and homed; the robot's software starts DISABLED"
-TWICE = "two servo_jr at once: both count; the robot may lose one"
 MASTER = "teleoperation: a simulated master yields to its load; the robot's simulation has none"
-CANNULA = "a wrist in the cannula: Cartesian moves are refused; the robot takes one after a move_jp"
 UNSET = "move_jr during a move: the jaw's goal stays; the robot adds a number that it never set"
-WRIST = "the cannula: Cartesian commands are refused there; the robot's search fails, then jumps"
-GRAVITY = "gravity compensation: an arm has it; the robot's simulation warns that none is loaded"
 TOOL = "no instrument: an arm has three joints; the robot's set-points keep those of the instrument"
 BRAKES = "setup joints: brakes and links yield by a millimetre; the robot's simulation has no load"
 
@@ -20,25 +16,21 @@ BRAKES = "setup joints: brakes and links yield by a millimetre; the robot's simu
 PURPOSE: dict[str, dict[str, str]] = {
     "psm": {
         "A32 fix": RESUME,
-        "C20 move_cp there, 5 cm deeper": CANNULA, "F8 use_gravity_compensation": GRAVITY,
         "T4 emulate_tool_present false": TOOL, "T5 move_cp without tool": TOOL,
         "T5 move_jp without tool": TOOL,
-        "D5 servo_jr 0.05 twice quickly": TWICE,
         "F2 servo_jf zero": EFFORT, "F6 hold": EFFORT,
         "N1 servo_jp NaN": NAN, "N2 move_jp home": NAN, "N3 move_jp NaN": NAN,
         "N4 disable": NAN, "N5 home": NAN,
     },
     "walk-moves": {"3.06 jaw/servo_jp jaw/move_jp move_jr": UNSET},
-    "walk-poses": {f"4.{k:02d} {word}": WRIST for k, word in enumerate(
-        ("back", "far", "back", "near"), 8)},
     "mtm": {
         "S0 disable": HOMED, "S1 move_jp while DISABLED": HOMED, "S2 home while DISABLED": HOMED,
-        "S3 pause while DISABLED": HOMED, "G2 body/servo_cf 0": EFFORT,
+        "S3 pause while DISABLED": HOMED, "P fix": HOMED, "G2 body/servo_cf 0": EFFORT,
         "G3 lock_orientation": EFFORT, "G4 unlock_orientation": EFFORT, "G6 move_jp": EFFORT,
     },
     "ecm": {
         "S0 disable": HOMED, "S1 move_jp while DISABLED": HOMED, "S2 home while DISABLED": HOMED,
-        "S3 pause while DISABLED": HOMED,
+        "S3 pause while DISABLED": HOMED, "P fix": HOMED,
     },
     "suj": {
         "U6 joint 0": BRAKES, "U6 joint 1": BRAKES, "U6 joint 2": BRAKES, "U7 joints": BRAKES,

@@ -77,6 +77,7 @@ def _command(word: str, c: Commands, draw: random.Random) -> Act:
     if word == "hold":
         return c.empty(word)
     shift = draw.uniform(-0.05, 0.05)
+    c.arm.advertise(word, "sensor_msgs/JointState")
     if word == "servo_jp":
         return partial(_shift_yaw, c.arm, shift)
     return lambda: c.arm.joints(word, c.arm.q("jaw/setpoint_js") + shift)

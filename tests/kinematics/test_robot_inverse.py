@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 
 RECORDED = Path(__file__).with_name("robot_inverse.csv")
 HOME = np.array([0.0, 0.0, 0.12, 0.0, 0.0, 0.0])
+#: Joints of a tip deep below the remote centre with the instrument turned over. [rad, m]
+BEHIND = [np.pi, 0.0, -0.407, 0.0, 0.0, -np.pi]
 
 
 def numbers(text: str) -> Array:
@@ -85,6 +87,9 @@ def test_the_robot_answers_the_same(arm: str, least: float) -> None:
         # Another branch, behind the remote centre.
         ("C3", [0, 0, 0.12, 0, 0, -0.6], [1, 0, 0], [0, 0, 0], [-1.683813, 0, -1, 0, 0, 1.683813]),
         ("C4", HOME, [0, 0, -0.3], [0, 0, 0], [0, 0, 0.42, 0, 0, 0]),
+        # From where C3 ended: behind the remote centre, half turns on the side of rounded tables.
+        ("C4", [-1.588, 0, 0, 0, 0, 1.39626], [0, 0, -0.3], [0, 0, 0], BEHIND),
+        ("C4", [1.588, 0, 0, 0, 0, -1.39626], [0, 0, -0.3], [0, 0, 0], BEHIND),
         # Turned over: no rotation is nearer than another, so the search ends where it starts.
         ("C6", HOME, [0, 0, 0], [np.pi, 0, 0], HOME),
         ("C8", HOME, [0.05, 0, 0], [0, 0, 0], [0.414949, 0, 0.130525, 0, 0, -0.414949]),

@@ -230,7 +230,7 @@ def test_set_points_wait_alone_and_everything_that_counts_waits_in_line(
     for topic in table.values():
         if topic.direction == "sub":
             verb = topic.key.split("/")[-1]
-            newest = verb.startswith("servo_") and verb not in ("servo_jr", "servo_cr")
+            newest = verb.startswith("servo_") and verb != "servo_cr"
             assert topic.depth == (1 if newest else 64), topic.name
 
 

@@ -227,7 +227,7 @@ def test_jumps_out_of_reach_are_clipped_and_end_in_fault(world, arm, way):
 
 
 def test_in_the_cannula_cartesian_commands_are_rejected(world, arm, events):
-    """C19, recorded: a warning, nothing moves. Their move_cp after a move_jp, C20, moves."""
+    """C19, recorded: a warning, nothing moves."""
     world.set_state("PSM1", np.array([0.0, 0.0, 0.03, 0.0, 0.0, 0.0, 0.0]))
     here = arm.setpoint_cp().matrix
     assert not arm.servo_cp(here)
@@ -236,6 +236,36 @@ def test_in_the_cannula_cartesian_commands_are_rejected(world, arm, events):
     assert motion.done
     assert not motion.goal_reached
     assert events == [("goal_reached", False)]
+
+
+def test_in_the_cannula_a_move_cp_after_a_move_is_made_with_a_warning(arm, events):
+    """C20, recorded: goal_reached true; after a servo_jp or a homing the robot would hang."""
+    assert arm.move_jp([0.0, 0.0, 0.03, 0.0, 0.0, 0.0]).wait(5.0)
+    here = arm.setpoint_cp().matrix
+    assert not arm.servo_cp(here)
+    assert arm.move_cp(shifted(here, 0.0, 0.0, -0.05)).wait(5.0)
+    assert "past the remote centre" in arm.rejections.last
+    assert arm.setpoint_jp() == pytest.approx([0.0, 0.0, 0.08, 0.0, 0.0, 0.0], abs=SAME)
+    assert arm.move_jp([0.0, 0.0, 0.03, 0.0, 0.0, 0.0]).wait(5.0)
+    assert arm.servo_jp(arm.setpoint_jp())
+    assert arm.move_cp(shifted(here, 0.0, 0.0, -0.05)).done
+    assert events == [("goal_reached", reached) for reached in (True, True, True, False)]
+
+
+def test_in_the_cannula_commands_of_the_tip_go_on_until_one_of_the_joints(world, arm):
+    """Recorded, walk-poses 4.08: where the arm is in Cartesian space its depth is not looked at."""
+    here = arm.setpoint_cp().matrix
+    assert arm.move_cp(transform(here[:3, :3], [0.0, 0.0, 0.2])).wait(5.0)  # behind the centre
+    assert arm.setpoint_jp()[2] < 0.05
+    behind = arm.setpoint_cp().matrix
+    saved = world.save()
+    for _ in range(2):
+        assert arm.servo_cp(behind)
+        assert arm.jaw.servo_jp([0.1])
+        assert arm.servo_cp(behind)
+        assert arm.servo_jp(arm.setpoint_jp())
+        assert not arm.servo_cp(behind)
+        world.load(saved)
 
 
 def test_one_warning_says_by_how_much_a_goal_is_missed(arm):

@@ -58,6 +58,10 @@ WRIST_AT_CENTRE = 0.01
 # A half turn about the tool is as near as this, as a fraction of a turn. Source: our choice: the
 # robot's DH table is rounded by as much, and an arm at its limit is measured so near to it.
 HALF_TURN = 3e-4
+# The robot's DH tables have 1.5708 for pi/2: at half a turn a PSM's angles are by so much [rad]
+# farther on the side of a sign, whose other side they are wound to; roll has no offset.
+# Source: sawIntuitiveResearchKit 9e535e6, PSM.json and LARGE_NEEDLE_DRIVER_400006.json.
+ROUNDED, SIDES = 1.5708 - pi / 2.0, (-1.0, 1.0, 0.0, 0.0, 1.0, 1.0)
 # A miss [m or rad] from which Newton's method needs no damping.
 CLOSE = 1e-4
 
@@ -217,11 +221,14 @@ def _within_half_a_turn(mechanism: Mechanism, q: Array) -> Array:
     """Wind angles beyond their limits to [-pi, pi], in place; the robot winds all of them.
 
     Winding those inside their limits would throw an MTM's platform from its lower limit, beyond
-    half a turn, to its upper one.
+    half a turn, to its upper one. A PSM's half turns go to the side that the robot's table has.
     """
+    sides = SIDES if len(q) == len(SIDES) else (0.0,) * len(q)
     for k, joint in enumerate(mechanism.joints[: len(q)]):
         if joint.kind == "revolute" and not mechanism.lower[k] <= q[k] <= mechanism.upper[k]:
             q[k] = remainder(q[k], 2.0 * pi)
+            if q[k] * sides[k] > pi - ROUNDED:
+                q[k] -= 2.0 * pi * sides[k]
     return q
 
 

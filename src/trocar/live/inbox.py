@@ -33,9 +33,11 @@ STREAMS = {
     ),
     **dict.fromkeys(("jaw.servo_jp", "jaw.servo_jf"), "jaw"),
     "gripper.squeeze_to": "gripper",
+    "servo_jr": "servo_jr",
 }
-"""Verbs that set a point, and the stream of set-points of which only the newest counts; servo_jr
-and servo_cr add up, so each counts."""
+"""Verbs that set a point, and the stream of set-points of which only the newest counts. One
+servo_jr for each tick counts: a subscriber of the robot's software keeps one message (cisst-ros
+73aca61, mtsROSBridge.h:296). servo_cr, which the robot has not, adds up."""
 
 AT_ONCE = ("disable", "pause")
 """Verbs that neither homing nor waiting commands hold up."""

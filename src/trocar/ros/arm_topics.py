@@ -292,6 +292,19 @@ def _switch(verb: str) -> Reader:
     return lambda message, arm: (verb, {"on": flag(message, "data")})  # noqa: ARG005
 
 
+def _gravity_switch(message: Message, arm: ArmDescription) -> NotedVerb:
+    """Read use_gravity_compensation; note where the robot ignores it unless it is configured.
+
+    Source: SAW 9e535e6, `ConfigureGC` of mtsIntuitiveResearchKitPSM.cpp:254 and MTM.cpp:212.
+    """
+    verb, arguments = "use_gravity_compensation", {"on": flag(message, "data")}
+    key = {"PSM": "kinematic_gc", "MTM": "gravity_compensation"}.get(arm.type)
+    if not arguments["on"] or key is None or (arm.type == "PSM" and arm.generation == "Si"):
+        return verb, arguments
+    note = f'it is on; the robot ignores this where the file of its arm has no "{key}"'
+    return verb, arguments, note
+
+
 def _brakes(message: Message, arm: ArmDescription) -> Verb:  # noqa: ARG001
     return ("lock_brakes" if flag(message, "data") else "release_brakes"), {}
 
@@ -399,7 +412,8 @@ MOVERS = (
             content=lambda arm: {"data": arm.ratios[0]}),
     latched("trajectory_j/ratio_a", FLOAT, "ratio of the acceleration limits",
             content=lambda arm: {"data": arm.ratios[1]}),
-    command("servo_jr", JOINTS, "rad, m", "add to the set-points now", _joint_verb("servo_jr")),
+    command("servo_jr", JOINTS, "rad, m", "add to the set-points now", _joint_verb("servo_jr"),
+            True),
     command("move_jr", JOINTS, "rad, m", "move on from the goal", _joint_verb("move_jr")),
     command("servo_jv", JOINTS, "rad/s, m/s", "velocities, in the field velocity",
             _joint_verb("servo_jv"), True),
@@ -420,7 +434,7 @@ MOVERS = (
     command("hold", EMPTY, "", "end every move and stay", _plain("hold")),
     command("free", EMPTY, "", "gravity compensation only", _plain("free")),
     command("use_gravity_compensation", BOOL, "", "switch gravity compensation",
-            _switch("use_gravity_compensation")),
+            _gravity_switch),
     command("body/set_cf_orientation_absolute", BOOL, "",
             "wrenches in axes of measured_cp's frame", _switch("set_cf_orientation_absolute")),
     command("trajectory_j/set_ratio", FLOAT, "above 0 to 1",

@@ -259,7 +259,8 @@ class Arm:
         """
         run = self.runtime
         q = run.tip.solved(T, "servo_cp", frame)
-        return q is not None and run.ended(run.control.servo(q, None, run.own, "servo_cp"))
+        accepted = q is not None and run.control.servo(q, None, run.own, "servo_cp")
+        return run.tip.commanded(run.ended(accepted))
 
     @command
     def servo_cr(self, T: ArrayLike) -> bool:
@@ -276,7 +277,8 @@ class Arm:
         goal = run.tip.setpoint().matrix
         goal = transform(change[:3, :3] @ goal[:3, :3], goal[:3, 3] + change[:3, 3])
         q = run.tip.solved(goal, "servo_cr")
-        return q is not None and run.ended(run.control.servo(q, None, run.own, "servo_cr"))
+        accepted = q is not None and run.control.servo(q, None, run.own, "servo_cr")
+        return run.tip.commanded(run.ended(accepted))
 
     @command
     def move_cp(self, T: ArrayLike, frame: str = "") -> Motion:
@@ -295,7 +297,9 @@ class Arm:
             if run.control.states.ready:
                 run.control.report("goal_reached", reached=False)
             return run.control.rejected(run.own)
-        return run.begun(run.control.move(q, run.own, "move_cp"))
+        motion = run.begun(run.control.move(q, run.own, "move_cp"))
+        run.tip.commanded(not motion.reason)
+        return motion
 
     # ------------------------------------------------------------------ states
 

@@ -30,9 +30,10 @@ BRAKE_SLACK = 1e-4
 #: and gain of the robots, and far below what arithmetic cannot hold.
 LARGEST = 1e6
 
-#: Time between two warnings of a streamed command of a kind. Source: our own choice; the robot
-#: warns of commands of any kind each 2 s, SAW mtsIntuitiveResearchKitArm.cpp:1679. [s]
-REJECTION_PERIOD_S = 1.0
+#: Time between two warnings of a streamed command of a kind. Source: our own choice, so that single
+#: commands are all warned of; the robot warns of commands of any kind each 2 s, SAW
+#: mtsIntuitiveResearchKitArm.cpp:1679. [s]
+REJECTION_PERIOD_S = 0.5
 
 log = logging.getLogger("trocar")
 OnReject = Literal["warn", "raise"]
@@ -192,6 +193,7 @@ class ControlState:
     taken: frozenset[int]
     refusals: tuple[int, str, Remembered]
     drift: Drift | None
+    cartesian: bool = False
 
 
 class JointControl:
@@ -265,6 +267,7 @@ class JointControl:
             frozenset(self.restored),
             self.rejections.save(),
             moves.drift,
+            moves.cartesian,
         )
 
     def load(self, saved: ControlState) -> list[Motion]:
@@ -276,7 +279,7 @@ class JointControl:
         moves.motions = list(zip(handles, parts, strict=True))
         moves.profile, moves.target = saved.profile, saved.target.copy()
         moves.tracking, moves.silent = saved.tracking, saved.silent
-        moves.drift = saved.drift
+        moves.drift, moves.cartesian = saved.drift, saved.cartesian
         moves.velocity_ratio, moves.acceleration_ratio = saved.ratios
         self.strict_limits = saved.strict_limits
         self.switched, self.restored = set(saved.lent), set(saved.taken)
@@ -354,6 +357,8 @@ class JointControl:
         m.position[part] = q
         m.velocity[part] = 0.0 if v is None else v
         moves.tracking = False
+        if not part.start:
+            moves.cartesian = False
         return True
 
     def servo_velocity(self, v: ArrayLike, part: slice, verb: str) -> bool:

@@ -305,6 +305,7 @@ class ForceControl:
         if not locked and not self._control.servo_effort(self.effort, self._own, verb):
             return False
         self.expiry = None
+        self._tip.commanded("wrench" not in self.controllers)
         self.controllers["wrench"] = controller
         self._begin_master_controllers(controller)
         self.apply()

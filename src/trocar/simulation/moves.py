@@ -154,6 +154,7 @@ class Moves:
         motions: handles of the moves that it makes, with the joints of each
         target: goal of the last trajectory, (n,) [rad or m]
         tracking: whether a trajectory was the last command that set positions
+        cartesian: whether the arm's last command was one of its tip, which was deep enough
         silent: whether the end of the trajectory under way makes no event
         drift: joints that go on at constant velocities, if any do
     """
@@ -175,7 +176,7 @@ class Moves:
         self.profile: Profile | None = None
         self.motions: list[tuple[Motion, slice]] = []
         self.target = position.copy()
-        self.tracking = self.silent = False
+        self.tracking = self.silent = self.cartesian = False
         self.drift: Drift | None = None
 
     def reattach(self, position: Array, velocity: Array) -> None:
@@ -215,6 +216,7 @@ class Moves:
         motion = self.motion(goal.copy())
         self.motions.append((motion, part))
         self.profile, self.target, self.tracking, self.silent = profile, target, True, silent
+        self.cartesian = self.cartesian and part.start >= self._own.stop
         return motion
 
     def plan_again(self, time: float) -> None:
@@ -226,6 +228,7 @@ class Moves:
         """End the trajectory, for a command to some joints that sets their next set-points."""
         if part.start < self.joints.stop and self.joints.start < part.stop:
             self.tracking = False
+            self.cartesian = self.cartesian and part.start >= self._own.stop
             if self.profile is not None:
                 self._velocity[self.joints] = 0.0
                 self._finish(False)

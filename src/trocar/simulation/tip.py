@@ -62,6 +62,7 @@ class Tip:
         self._name, self._clock = name, clock
         self.placed: tuple[Array, str] | None = None
         self._refused: Refusal | None = None
+        self._deep = False
 
     def fit(self, control: JointControl) -> None:
         """Set the joints of the mounted tool."""
@@ -346,9 +347,17 @@ class Tip:
         return f"the goal is missed by {1e3 * metres:.2f} mm and {degrees(radians):.2f} deg{why}"
 
     def deep_enough(self, verb: str) -> bool:
-        """Reject a command while an instrument's wrist is too near its remote centre."""
-        mechanism = self._arm.mechanism
-        if self._arm.type != "PSM" or "wrist_pitch" not in mechanism.frame_index:
+        """Reject a command while an instrument's wrist is too near its remote centre.
+
+        Of successive commands of the tip the first counts. A move_cp that follows a move is made
+        all the same, with a warning: the robot's software leaves the arm in joint space there,
+        whose trajectory goes to the goal of the pose.
+
+        Source: sawIntuitiveResearchKit 9e535e6, mtsIntuitiveResearchKitArm.cpp:1760 and :2238.
+        """
+        mechanism, moves = self._arm.mechanism, self._control.moves
+        self._deep = True
+        if moves.cartesian or self._arm.type != "PSM" or "wrist_pitch" not in mechanism.frame_index:
             return True
         if self._clock.frames.follows(self._name):
             depth = self._clock.frames.depth(self._name)
@@ -358,13 +367,23 @@ class Tip:
             depth = float(chain_pose(mechanism, "roll")(q)[:3, 2] @ wrist)
         if depth >= ENTRY_DEPTH_M:
             return True
-        self._control.rejections.reject(
-            verb,
-            "depth",
+        why = (
             f"the wrist is {1e3 * depth:.1f} mm past the remote centre; allowed from "
-            f"{1e3 * ENTRY_DEPTH_M:.0f} mm on; insert the instrument first",
+            f"{1e3 * ENTRY_DEPTH_M:.0f} mm on; insert the instrument first"
         )
+        self._deep = False
+        if verb == "move_cp" and moves.tracking and not moves.silent:
+            note = "; made all the same, as on the robot, because the command before was a move"
+            self._control.rejections.warn(f"{verb} depth", f"{verb}: {why}{note}")
+            return True
+        self._control.rejections.reject(verb, "depth", why)
         return False
+
+    def commanded(self, accepted: bool) -> bool:
+        """Note a command of the tip that was deep enough; return whether it was accepted."""
+        if accepted:
+            self._control.moves.cartesian = self._deep
+        return accepted
 
     # ------------------------------------------------------------------ frames by name
 

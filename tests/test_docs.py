@@ -62,6 +62,7 @@ SERVES = {
     "play": ("--duration", "0.2", "--port", "0", "--websocket-port", "0"),
     "teleop": ("--duration", "0.2", "--port", "0", "--websocket-port", "0"),
     "mirror": ("--duration", "0.2", "--port", "0"),
+    "view": ("--duration", "0.2", "--port", "0"),
 }
 
 

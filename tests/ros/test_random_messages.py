@@ -64,7 +64,8 @@ def check_bounds(served: Served) -> None:
     assert backlog["stamps"] <= 1024
     assert backlog["events"] <= 1024
     assert backlog["rejections"] <= 1000
-    assert served.loop.pending <= (64 + 2) * arms + 64
+    # orders, and the newest set-point of arm, jaw and servo_jr
+    assert served.loop.pending <= (64 + 3) * arms + 64
 
 
 def command(made: object) -> object:

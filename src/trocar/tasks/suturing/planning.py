@@ -389,7 +389,7 @@ class TipWorkspace:
             least: margin at which it is given up
 
         Returns:
-            least margin on it, -inf where there is none, and whose; the last joint positions
+            least margin on it (-inf without a way), the joint that has it, the last joint positions
         """
         room, joint = self.margin(q)
         for T in poses:

@@ -56,7 +56,8 @@ const watch = setInterval(() => {
   let loaded = 0;
   for (const [name, node] of Object.entries(page.nodeRefFromName)) {
     let meshes = 0;
-    if (name.startsWith("/cart/body_")) node?.traverse((part) => { meshes += part.isMesh ? 1 : 0; });
+    if (!name.startsWith("/cart/body_")) continue;
+    node?.traverse((part) => { meshes += part.isMesh ? 1 : 0; });
     loaded += meshes > 0;
   }
   if (loaded < BODIES) return;

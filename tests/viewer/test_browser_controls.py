@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import time
 import zipfile
 from collections.abc import Callable, Iterator
@@ -26,11 +25,11 @@ from trocar.viewer import Choice
 
 pytest.importorskip("selenium", reason="selenium is not installed")
 from selenium.webdriver.common.by import By
-from selenium.webdriver.common.keys import Keys
 
-from tests.viewer import test_browser_files, test_browser_people
+from tests.viewer import test_browser_files as files
+from tests.viewer import test_browser_people as people
 from tests.viewer.all_kinds import AllKinds, all_kinds
-from tests.viewer.browser import Browser, chromium
+from tests.viewer.browser import chromium
 from tests.viewer.person import Person
 from tests.viewer.program import Program, program
 
@@ -38,10 +37,10 @@ pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 #: Controls that end the page or need a second browser, and the test that acts on them.
 ELSEWHERE = {
-    "Thing/Load": test_browser_files.test_a_file_is_uploaded_previewed_and_loaded_and_bad_ones_get_a_notice,
-    "Driver/Request control": test_browser_people.test_one_drives_the_other_watches_and_control_is_passed,
-    "Driver/Give": test_browser_people.test_one_drives_the_other_watches_and_control_is_passed,
-    "Driver/Keep": test_browser_people.test_one_drives_the_other_watches_and_control_is_passed,
+    "Thing/Load": files.test_a_file_is_uploaded_previewed_and_loaded_and_bad_ones_get_a_notice,
+    "Driver/Request control": people.test_one_drives_the_other_watches_and_control_is_passed,
+    "Driver/Give": people.test_one_drives_the_other_watches_and_control_is_passed,
+    "Driver/Keep": people.test_one_drives_the_other_watches_and_control_is_passed,
 }
 #: On a phone: score, cameras, and what else may be loaded.
 PHONE = {
@@ -250,7 +249,7 @@ def sliders(at: Walk) -> None:
         if arm == "PSM1":
             reached = at.reads.hear("/PSM1/setpoint_js")["position"][2]
             at.person.arrow("insertion mm")
-            at.see("/PSM1/setpoint_js", lambda it: abs(it["position"][2] - reached - 1e-4) < 2e-5)
+            at.see("/PSM1/setpoint_js", near(2, reached + 1e-4, 2e-5))
             at.person.type("yaw deg", -7.5)
             at.see("/PSM1/setpoint_js",
                    lambda it: abs(np.degrees(it["position"][0]) + 7.5) < 1e-3)  # fmt: skip
@@ -571,7 +570,8 @@ def help_and_gallery(at: Walk) -> None:
 
 WAYS = (
     the_scene, time_stands_and_begins_anew, named_poses, power, sliders, servo_control,
-    the_last_minute, hands, what_is_drawn, plots, own_files, cameras, measurements, pedals, help_and_gallery,
+    the_last_minute, hands, what_is_drawn, plots, own_files, cameras, measurements, pedals,
+    help_and_gallery,
 )  # fmt: skip
 
 
@@ -581,9 +581,7 @@ def test_every_control_acts(width: int, tmp_path: Path) -> None:
         alike = at.served.world(rows_of_other_arms)
         at.look()
         for each in WAYS:
-            began = time.monotonic()
             each(at)
-            print(f"{each.__name__}: {time.monotonic() - began:.1f} s")
             if at.served.thread.is_alive():
                 at.look()
     left = at.met - at.used - ELSEWHERE.keys() - alike

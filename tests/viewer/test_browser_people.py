@@ -80,7 +80,9 @@ class Cable:
         self._ends = socket.create_server(("127.0.0.1", 0))
         self.port = self._ends.getsockname()[1]
         self._whole = True
-        threading.Thread(target=self._accept, daemon=True).start()
+        self._threads: list[threading.Thread] = []
+        self._door = threading.Thread(target=self._accept)
+        self._door.start()
 
     def cut(self) -> None:
         """End all connections, and let none through."""
@@ -88,6 +90,11 @@ class Cable:
         for end in self._open:
             with suppress(OSError):
                 end.shutdown(socket.SHUT_RDWR)
+        for thread in self._threads:
+            thread.join()
+        for end in self._open:
+            end.close()
+        self._threads.clear()
         self._open.clear()
 
     def mend(self) -> None:
@@ -96,6 +103,8 @@ class Cable:
 
     def close(self) -> None:
         """End for good."""
+        self._ends.shutdown(socket.SHUT_RDWR)
+        self._door.join()
         self.cut()
         self._ends.close()
 
@@ -109,7 +118,8 @@ class Cable:
                 there = socket.create_connection(("127.0.0.1", self._to))
                 self._open += [here, there]
                 for a, b in ((here, there), (there, here)):
-                    threading.Thread(target=self._carry, args=(a, b), daemon=True).start()
+                    self._threads.append(threading.Thread(target=self._carry, args=(a, b)))
+                    self._threads[-1].start()
 
     @staticmethod
     def _carry(source: socket.socket, sink: socket.socket) -> None:

@@ -120,22 +120,25 @@ class Person:
 
     def slide(self, label: str, share: float) -> tuple[float, float]:
         """Drag a slider to a share of its way; return that value, and how exact a mouse is."""
-        thumb = self.one(f"{self._row(label)}//*[@role='slider']")
-        low, high = (float(thumb.get_attribute(f"aria-value{end}") or 0) for end in ("min", "max"))
+        low, high = self._thumb(label, "min"), self._thumb(label, "max")
+        goal, exact = low + share * (high - low), 0.04 * (high - low)
+        track = f"{self._row(label)}//*[contains(@class, 'Slider-trackContainer')]"
 
         def drag() -> None:
-            thumb = self.one(f"{self._row(label)}//*[@role='slider']")
+            thumb, way = self.one(f"{self._row(label)}//*[@role='slider']"), self.one(track)
             self.tab.execute_script("arguments[0].scrollIntoView({block: 'center'})", thumb)
-            track = self.one(
-                f"{self._row(label)}//*[contains(@class,'mantine-Slider-track ')]"
-                f" | {self._row(label)}//*[contains(@class,'Slider-trackContainer')]"
-            )
-            way = round((share - 0.5) * track.rect["width"])
-            hand = self.mouse.move_to_element(thumb).click_and_hold()
-            hand.move_to_element_with_offset(track, way, 0).release().perform()
+            aside = round((share - 0.5) * way.rect["width"])
+            hand = self.mouse.move_to_element(thumb).click_and_hold().pause(0.05)
+            hand.move_to_element_with_offset(way, aside, 0).pause(0.05).release().perform()
+            if abs(self._thumb(label, "now") - goal) > exact:  # a busy page missed a part of it
+                raise ElementNotInteractableException(label)
 
         self._try(drag, f"the slider {label}")
-        return low + share * (high - low), 0.04 * (high - low)
+        return goal, exact
+
+    def _thumb(self, label: str, what: str) -> float:
+        thumb = self.one(f"{self._row(label)}//*[@role='slider']")
+        return float(thumb.get_attribute(f"aria-value{what}") or "nan")
 
     def arrow(self, label: str) -> None:
         """Move a slider by one step with the keyboard."""

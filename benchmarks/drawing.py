@@ -81,7 +81,7 @@ def drawing() -> list[Figure]:
 
 def _measure(page: viewer_page.Page, url: str, loop: Loop) -> list[Figure]:
     profile = tempfile.mkdtemp()
-    tab = _browser(profile)
+    tab = chromium(profile)
     rows: dict[str, list[tuple[float, float]]] = {level.name: [] for level in LEVELS}
     try:
         tab.get(url)
@@ -110,7 +110,12 @@ def _measure(page: viewer_page.Page, url: str, loop: Loop) -> list[Figure]:
     return found
 
 
-def _browser(profile: str) -> Any:
+def chromium(profile: str) -> Any:
+    """Open Chromium with a profile, without a graphics card.
+
+    Raises:
+        InputError: it or its driver is not installed
+    """
     chromium = shutil.which("chromium") or shutil.which("chromium-browser")
     driver = shutil.which("chromedriver")
     if chromium is None or driver is None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import statistics
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 import tracemalloc
@@ -16,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.drawing import move_psms
+from benchmarks.drawing import chromium, move_psms
 from benchmarks.served import served
 from trocar.geometry import translation
 from trocar.live import Command, Loop
@@ -42,6 +43,30 @@ RADIUS_M, TURN_S, EASE_S, MOUSE_HZ = 0.015, 4.0, 1.0, 30.0
 #: Time of a drag [s], between two samples of the tip [s], and after which a set-point is late [s].
 DRAG_S, SAMPLE_S, LATE_S = 8.0, 0.005, 0.005
 VIEWERS = 2
+#: Goal of the first complete picture [s], and how often the page is opened.
+PICTURE_S, OPENED = 3.0, 3
+#: Notes when a frame is drawn with every body, after the cover has gone.
+PICTURE = """
+window.firstPicture = null;
+let since = null;
+const watch = setInterval(() => {
+  const page = window.__viserMutable, info = window.__viserTestpoints?.rendererInfo;
+  const cover = document.querySelector("#trocar-cover");
+  if (!page || !info || cover?.className !== "gone") return;
+  let loaded = 0;
+  for (const [name, node] of Object.entries(page.nodeRefFromName)) {
+    let meshes = 0;
+    if (!name.startsWith("/cart/body_")) continue;
+    node?.traverse((part) => { meshes += part.isMesh ? 1 : 0; });
+    loaded += meshes > 0;
+  }
+  if (loaded < BODIES) return;
+  since ??= info.render.frame;
+  if (info.render.frame === since) return;
+  window.firstPicture = performance.now();
+  clearInterval(watch);
+}, 20);
+"""
 
 
 def viewer(watch: Callable[[str], None]) -> Iterator[Figure]:
@@ -53,12 +78,35 @@ def viewer(watch: Callable[[str], None]) -> Iterator[Figure]:
         with served(["--port", "0", "--websocket-port", "0"], ".+"):
             starts.append(time.perf_counter() - began)
     yield Figure("served after", statistics.median(starts), "s", SERVED_S)
+    watch("the first picture of the cart")
+    yield from _first_picture()
     watch("the cart with two viewers")
     yield from _watched()
     watch("the last minute of the cart")
     yield _memory()
     watch("a dragged tip")
     yield from _dragged()
+
+
+def _first_picture() -> Iterator[Figure]:
+    """Return the time from opening the page in a new browser until all bodies are drawn."""
+    bodies = len({shape.body for shape in World("full_cart").shapes()})
+    spans: list[float] = []
+    with served(["--port", "0", "--websocket-port", "0"], r"http://\S+") as there:
+        for _ in range(OPENED):
+            with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
+                tab = chromium(profile)
+                try:
+                    source = {"source": PICTURE.replace("BODIES", str(bodies))}
+                    tab.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", source)
+                    tab.get(there.address)
+                    while (span := tab.execute_script("return window.firstPicture")) is None:
+                        time.sleep(0.1)
+                    spans.append(span / 1000.0)
+                finally:
+                    tab.quit()
+    yield Figure("first complete picture after opening the page", statistics.median(spans), "s",
+                 PICTURE_S)  # fmt: skip
 
 
 class CaughtPage(viewer_page.Page):

@@ -69,6 +69,7 @@ class FakeArm:
     def __init__(self, name: str, kind: str, joints: dict[str, tuple[float, float]], rcm) -> None:
         self.name = name
         self.joints, self.local = self, self  # parts of an Arm, in one
+        self.runtime = Namespace(motors=Namespace(welded=False))
         self.names = tuple(joints)
         self.lower = np.array([low for low, _ in joints.values()])
         self.upper = np.array([high for _, high in joints.values()])

@@ -13,16 +13,15 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import Any
 
 import pytest
 import viser
 from viser._messages import Message, RunJavascriptMessage
 from viser.infra import StateSerializer, WebsockServer
-from websockets.sync.client import connect
 
 pytest.importorskip("selenium", reason="selenium is not installed")
 from tests.viewer.browser import Browser, chromium
+from tests.viewer.program import program
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -77,38 +76,6 @@ class Simulator:
     entrance: str
     rosbridge: str
     token: str | None
-
-    @contextmanager
-    def program(self) -> Iterator[Program]:
-        shown = {} if self.token is None else {"Authorization": f"Bearer {self.token}"}
-        with connect(self.rosbridge, additional_headers=shown) as socket:
-            yield Program(socket)
-
-
-class Program:
-    """A client that is no browser."""
-
-    def __init__(self, socket: Any) -> None:
-        self._socket = socket
-
-    def say(self, op: str, **fields: object) -> None:
-        self._socket.send(json.dumps({"op": op, **fields}))
-
-    def hear(self, topic: str, fits: Callable[[dict], bool] = lambda _: True) -> dict:
-        self.say("subscribe", topic=topic)
-        while True:
-            heard = json.loads(self._socket.recv(timeout=20.0))
-            if heard.get("topic") == topic and fits(heard["msg"]):
-                self.say("unsubscribe", topic=topic)
-                return heard["msg"]
-
-    @property
-    def state(self) -> str:
-        return self.hear("/PSM1/operating_state")["state"]
-
-    @property
-    def joints(self) -> list[float]:
-        return self.hear("/PSM1/measured_js")["position"]
 
 
 @pytest.fixture(scope="module", params=[None, TOKEN], ids=["without token", "with token"])
@@ -203,13 +170,13 @@ def filled(text: str, simulator: Simulator) -> str:
 @contextmanager
 def arm_stays_disabled(simulator: Simulator) -> Iterator[Callable[[], bool]]:
     """Disable the arm; after the block it must still be disabled and stand where it stood."""
-    with simulator.program() as program:
-        program.say("publish", topic="/PSM1/state_command", msg={"string": "disable"})
-        program.hear("/PSM1/operating_state", lambda it: it["state"] == "DISABLED")
-        before = program.joints
-        yield lambda: program.state != "DISABLED"
-        assert program.state == "DISABLED"
-        assert program.joints == pytest.approx(before, abs=1e-4)  # held as by a brake
+    with program(simulator.rosbridge, simulator.token) as reader:
+        reader.say("publish", topic="/PSM1/state_command", msg={"string": "disable"})
+        reader.hear("/PSM1/operating_state", lambda it: it["state"] == "DISABLED")
+        before = reader.joints
+        yield lambda: reader.state != "DISABLED"
+        assert reader.state == "DISABLED"
+        assert reader.joints == pytest.approx(before, abs=1e-4)  # held as by a brake
 
 
 def shows_the_page(browser: Browser, simulator: Simulator) -> bool:

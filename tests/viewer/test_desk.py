@@ -164,6 +164,20 @@ def test_a_disabled_arm_offers_what_helps_and_says_why_it_does_not_move() -> Non
     assert idle_reason(now._replace(homed=False)) == "not homed: Home"
 
 
+def test_an_arm_that_stands_still_in_a_scene_has_no_handle_and_is_grey_with_the_reason(
+    server: LocalServer,
+) -> None:
+    world = World("two_psm_ecm", welded=("PSM2",))
+    loop = Loop(world)
+    still, free = (read_arm(world, name) for name in ("PSM2", "PSM1"))
+    for info, why in ((still, "stands still in this scene"), (free, "")):
+        controls = ArmControls(server.gui, loop, info, loop.latest)
+        controls.follow(loop.latest)
+        assert why in controls._why
+        assert all(handle.disabled == bool(why) for handle in controls.sliders.handles)
+        controls.remove()
+
+
 def test_sliders_under_a_policy_are_grey_with_the_reason_and_act_again_afterwards(
     server: LocalServer,
 ) -> None:

@@ -229,6 +229,20 @@ def test_the_last_minute_is_that_of_the_arms_and_its_table_has_all_of_it(
     plots.show(bench.loop.state)
 
 
+def test_a_tool_that_is_taken_off_leaves_gaps_in_the_last_minute(server: LocalServer) -> None:
+    bench, last = Bench(server), LastMinute()
+    plots = QuantityPlots(bench.desk, {"PSM1": read_arm(bench.world, "PSM1")}, last)
+    plots._rows[0][0].value = "PSM1 jaw measured"
+    plots._choose(0)
+    bench.world.exchange_tool("PSM1", "none")
+    for _ in range(3):
+        bench.loop.run(PERIOD_S)
+        last.add(bench.loop.state)
+    plots.show(bench.loop.state)
+    assert np.isnan(last.values("PSM1", 6, "measured")).all()
+    assert plots.table().splitlines()[-1].endswith(",nan")
+
+
 def test_an_arrow_stands_at_each_contact_as_long_as_its_force(server: LocalServer) -> None:
     bench = Bench(server)
     see = Overlays(bench.desk, bench.loop)

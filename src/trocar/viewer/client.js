@@ -7,6 +7,7 @@
   const FIELD = "trocar";        // label of the hidden field that carries JSON both ways
   const SILENT_MS = 4000;        // the simulator sends a beat a second
   const REPORT_MS = 3000;
+  const RETRY_MS = 1000;         // between the end of an attempt to connect and the next
   const MOVING_HZ = 8;           // fewer changes of the scene a second are no motion
   const COVERED_MS = 20000;      // longer no browser waits behind the cover
 
@@ -73,6 +74,8 @@
   // The page shows the secret of this run when it connects, and connects nowhere else.
   const post = Worker.prototype.postMessage;
   Worker.prototype.postMessage = function (message, ...rest) {
+    // viser asks again only while its window has the focus, and ends attempts of over a second.
+    if (message?.type === "retry" && this === worker) return;
     if (message?.type !== "set_server") return post.call(this, message, ...rest);
     worker = this;
     this.addEventListener("message", (event) => hear(event.data));
@@ -87,6 +90,7 @@
       lostAt ??= new Date();
       field = null;
       reloadInANewRun();
+      setTimeout(() => { if (lostAt !== null) post.call(worker, { type: "retry" }); }, RETRY_MS);
     } else if (data.type === "message_batch") {
       last = performance.now();
       let moved = false;
@@ -190,8 +194,6 @@
   setInterval(() => {
     show();
     applyScale();
-    // viser asks again only while its window has the focus.
-    if (lostAt !== null && worker !== null) post.call(worker, { type: "retry" });
   }, 1000);
   let told = false;
   const first = setInterval(() => {

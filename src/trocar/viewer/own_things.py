@@ -169,7 +169,9 @@ class OwnThings:
             lambda: archive(placed_rig(self._rig, thing, pose, movable=movable))
         )
         if packed is not None:
-            browser.send_file_download(f"{thing.name}.zip", packed, chunk_size=CHUNK)
+            browser.send_file_download(
+                f"{thing.name}.zip", packed, chunk_size=CHUNK, save_immediately=True
+            )
 
     async def _load(self) -> None:
         """Let the rig with the thing run in place of the one that runs."""

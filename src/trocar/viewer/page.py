@@ -324,7 +324,11 @@ def serve(
             past = LookBack(loop, timeline, lambda: scene and scene.drives() and scene.take())
         goals = TipGoals(loop)
         loop.watch(goals)
-        handled = tuple(n for n, arm in world.arms.items() if arm.description.inverse_kinematics)
+        handled = tuple(
+            name
+            for name, arm in world.arms.items()
+            if arm.description.inverse_kinematics and not arm.runtime.motors.welded
+        )
         things = tuple(free_objects(world))
         hands = partial(TipHandles, goals=goals, arms=handled, things=things, loop=loop)
         last = LastMinute()

@@ -29,6 +29,7 @@ RELEASE = "Release"
 POWER = {"Enable": "enable", "Home": "home", "Disable": "disable"}
 MODES = {"position (PID)": "position", "effort (open loop)": "effort", "set (kinematic)": "set"}
 ALL_JOINTS = "all joints"
+STILL = "this arm stands still in this scene; trocar play --policy none lets it move"
 
 UNLIMITED = 100.0
 """Largest effort offered when efforts are not limited [N m or N]. Source: our own choice."""
@@ -81,7 +82,7 @@ class ArmInfo:
     """One arm: its joints with the jaw last, the names of its poses, whether it has brakes.
 
     `tool` is the mounted one, "" without one; `tools` are those that fit, none for an arm that
-    takes no tool.
+    takes no tool. One that stands `still` is welded into the model, as idle arms of a scene are.
     """
 
     name: str
@@ -92,6 +93,7 @@ class ArmInfo:
     gravity_compensation: bool
     tool: str
     tools: tuple[str, ...]
+    still: bool
 
 
 def read_arm(world: World, name: str) -> ArmInfo:
@@ -119,6 +121,7 @@ def read_arm(world: World, name: str) -> ArmInfo:
         gravity_compensation=arm.joints.gravity_compensation,
         tool=arm.description.tool,
         tools=fitting_tools(arm.description),
+        still=arm.runtime.motors.welded,
     )
 
 
@@ -366,7 +369,7 @@ class ArmControls:
             blocked: why the arm is not a person's now; "": it is
         """
         arm = now.arms[self._info.name]
-        self._block(arm, blocked)
+        self._block(arm, blocked or (STILL if self._info.still else ""))
         if (line := state_line(arm)) != self._state.value:
             self._state.value = line
         clients = ", ".join(self._loop.commanders.of(self._info.name)) or NONE
@@ -504,7 +507,7 @@ class Panel:
 
         def move_all(pose: str) -> None:  # setup arms stay where their brakes hold them
             for arm in poses[pose]:
-                if not self._arms[arm].has_brakes:
+                if not (self._arms[arm].has_brakes or self._arms[arm].still):
                     loop.post(Command(arm, "move_to", {"name": pose}))
 
         self._poses = Buttons(gui, "All arms to", tuple(poses), move_all, hint("All arms to"))

@@ -56,7 +56,7 @@ class LastMinute:
         return np.array([time for time, _, _ in self._kept])
 
     def values(self, arm: str, joint: int, quantity: str) -> Floats:
-        """Return a quantity of a joint, (n,) in SI."""
+        """Return a quantity of a joint, (n,) in SI; NaN of one that the arm lacks without tool."""
         return np.array([_value(arms[arm], joint, quantity) for _, _, arms in self._kept])
 
 
@@ -104,7 +104,10 @@ class QuantityPlots:
                 continue
             _, scale, least = self._units[choice.value]
             values = scale * self._last.values(*self._columns[choice.value])
-            span = axis_span(values, self._spans[number], least)
+            there = values[np.isfinite(values)]
+            if not there.size:
+                continue
+            span = axis_span(there, self._spans[number], least)
             if span != self._spans[number]:
                 self._spans[number] = span
                 plot.scales = _scales(span)
@@ -127,7 +130,9 @@ class QuantityPlots:
 
     def _export(self, _: str) -> None:
         if isinstance(self._desk.browser, viser.ClientHandle):
-            self._desk.browser.send_file_download("last_minute.csv", self.table().encode())
+            self._desk.browser.send_file_download(
+                "last_minute.csv", self.table().encode(), save_immediately=True
+            )
 
     def _choose(self, number: int) -> None:
         choice, plot = self._rows[number]
@@ -156,6 +161,8 @@ class QuantityPlots:
 
 
 def _value(arm: ArmSnapshot, joint: int, quantity: str) -> float:
+    if joint >= len(arm.q):
+        return np.nan
     if quantity == "measured":
         return float(arm.q[joint])
     if quantity == "commanded":

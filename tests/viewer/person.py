@@ -1,0 +1,226 @@
+"""A person at a page: mouse, keyboard, and what there is to act on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from selenium.common.exceptions import (
+    ElementClickInterceptedException,
+    ElementNotInteractableException,
+    MoveTargetOutOfBoundsException,
+    StaleElementReferenceException,
+)
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.remote.webelement import WebElement
+
+from tests.viewer.browser import Browser
+
+IN_THE_WAY = (
+    ElementClickInterceptedException,
+    ElementNotInteractableException,
+    MoveTargetOutOfBoundsException,
+    StaleElementReferenceException,
+)
+"""Something lies over what a person would press, or the page draws it anew: tried again."""
+
+PATIENCE_S = 20.0
+"""Time within which a control can be pressed [s]."""
+
+CONTROLS = """
+const ours = /^(file_upload_)?[0-9a-f]{8}-[0-9a-f]{4}-/;  // viser's own settings have other ids
+const text = (element) => element.textContent.replace(/\\s+/g, " ").trim();
+const found = [];
+for (const label of document.querySelectorAll("label")) {
+  if (!ours.test(label.htmlFor)) continue;
+  const row = label.parentElement.parentElement.parentElement;
+  const buttons = [...row.querySelectorAll("button")]
+    .filter((button) => !button.className.includes("NumberInput"));
+  if (buttons.length) found.push(...buttons.map((each) => `${text(label)}/${text(each)}`));
+  else if (!row.querySelector("input:disabled") || row.querySelector("[role=slider]")
+           || row.querySelector("[aria-haspopup], [type=checkbox]")) found.push(text(label));
+}
+for (const button of document.querySelectorAll("button"))
+  if (ours.test(button.id)) found.push(text(button));
+for (const element of document.querySelectorAll("[data-trocar-send], [data-trocar=full-screen]"))
+  found.push(element.dataset.trocarSend ?? text(element));
+const tree = window.__viserSceneTree?.getState() ?? {};
+for (const [name, node] of Object.entries(tree))
+  if (node?.message?.type === "TransformControlsMessage") found.push(name);
+return found;
+"""
+
+#: Where a point of a node is seen [CSS px], from the upper left of the page.
+PIXEL = """
+const [name, x, y, z] = arguments, page = __viserMutable;
+const node = page.nodeRefFromName[name], camera = page.camera;
+node.updateWorldMatrix(true, true);
+const at = node.position.clone().set(x, y, z).applyMatrix4(node.matrixWorld).project(camera);
+const box = page.canvas.getBoundingClientRect();
+return [box.left + (at.x + 1) / 2 * box.width, box.top + (1 - at.y) / 2 * box.height];
+"""
+
+#: Look at a node along its z axis, its x axis to the right, from a distance [m].
+LOOK = """
+const [name, away] = arguments, page = __viserMutable;
+const node = page.nodeRefFromName[name];
+node.updateWorldMatrix(true, true);
+const e = node.matrixWorld.elements, length = Math.hypot(e[8], e[9], e[10]);
+const z = [8, 9, 10].map((k) => e[k] / length);
+page.cameraControl.setLookAt(
+  e[12] + away * z[0], e[13] + away * z[1], e[14] + away * z[2], e[12], e[13], e[14], false);
+"""
+
+VISIBLE = """
+let node = __viserMutable.nodeRefFromName[arguments[0]];
+if (!node) return false;
+for (; node; node = node.parent) if (!node.visible) return false;
+return true;
+"""
+
+
+class Person:
+    """Mouse and keyboard at one tab."""
+
+    def __init__(self, browser: Browser) -> None:
+        self.browser, self.tab = browser, browser.tab
+
+    @property
+    def mouse(self) -> ActionChains:
+        """A new sequence of moves and keys."""
+        return ActionChains(self.tab, duration=80)
+
+    def controls(self) -> set[str]:
+        """Return everything on the page that can be acted on, as "label" or "label/button"."""
+        return set(self.tab.execute_script(CONTROLS))
+
+    # ------------------------------------------------------------------ widgets
+
+    def press(self, label: str, button: str) -> None:
+        """Press a button of a row once it can be."""
+        self.click(f"{self._row(label)}//button[normalize-space()='{button}']")
+
+    def pick(self, label: str, option: str) -> None:
+        """Choose from a list."""
+        found = f"//*[@role='option'][normalize-space()='{option}']"
+
+        def opened() -> bool:
+            return any(each.is_displayed() for each in self.all(found))
+
+        if not opened():
+            self.click(f"{self._row(label)}//input[not(@type='hidden')]")
+        self.browser.wait(opened, f"the option {option} of {label}", PATIENCE_S)
+        self.click(found, displayed=True)
+
+    def tick(self, label: str) -> None:
+        """Press a check box."""
+        self.click(f"{self._row(label)}//input[@type='checkbox']")
+
+    def slide(self, label: str, share: float) -> tuple[float, float]:
+        """Drag a slider to a share of its way; return that value, and how exact a mouse is."""
+        low, high = self._thumb(label, "min"), self._thumb(label, "max")
+        goal, exact = low + share * (high - low), 0.04 * (high - low)
+        track = f"{self._row(label)}//*[contains(@class, 'Slider-trackContainer')]"
+
+        def drag() -> None:
+            thumb, way = self.one(f"{self._row(label)}//*[@role='slider']"), self.one(track)
+            self.tab.execute_script("arguments[0].scrollIntoView({block: 'center'})", thumb)
+            aside = round((share - 0.5) * way.rect["width"])
+            hand = self.mouse.move_to_element(thumb).click_and_hold().pause(0.05)
+            hand.move_to_element_with_offset(way, aside, 0).pause(0.05).release().perform()
+            if abs(self._thumb(label, "now") - goal) > exact:  # a busy page missed a part of it
+                raise ElementNotInteractableException(label)
+
+        self._try(drag, f"the slider {label}")
+        return goal, exact
+
+    def _thumb(self, label: str, what: str) -> float:
+        thumb = self.one(f"{self._row(label)}//*[@role='slider']")
+        return float(thumb.get_attribute(f"aria-value{what}") or "nan")
+
+    def arrow(self, label: str) -> None:
+        """Move a slider by one step with the keyboard."""
+        self.one(f"{self._row(label)}//*[@role='slider']").send_keys(Keys.ARROW_RIGHT)
+
+    def type(self, label: str, value: float, box: int = 1) -> None:
+        """Type into a box of numbers."""
+        found = f"({self._row(label)}//input[contains(@class,'NumberInput-input')])[{box}]"
+        self.click(found)
+        self.one(found).send_keys(Keys.CONTROL, "a")
+        self.one(found).send_keys(f"{value:g}", Keys.TAB)
+
+    def unfold(self, folder: str) -> None:
+        """Open or close a folder by its title."""
+        self.click(f"//div[normalize-space(text())='{folder}']")
+
+    def key(self, key: str) -> None:
+        """Press a key while the page has the focus."""
+        self.tab.execute_script("document.activeElement?.blur()")
+        self.mouse.send_keys(key).perform()
+
+    # ------------------------------------------------------------------ the scene
+
+    def sees(self, node: str) -> bool:
+        """Test whether a node of the scene is shown."""
+        return self.tab.execute_script(VISIBLE, node)
+
+    def pull(self, handle: str, arrow_m: float, by_m: float) -> None:
+        """Take a handle at its x arrow and pull it along.
+
+        Args:
+            handle: node
+            arrow_m: from the handle's middle to where the arrow is taken [m]
+            by_m: way of the hand [m]
+        """
+        self.tab.execute_script(LOOK, handle, 10.0 * arrow_m)
+        self.browser.draw(3)
+        x, y = self._pixel(handle, arrow_m)
+        to_x, to_y = self._pixel(handle, arrow_m + by_m)
+        hand = ActionChains(self.tab, duration=200)
+        hand.w3c_actions.pointer_action.move_to_location(round(x), round(y))
+        hand.pause(0.3).click_and_hold()
+        for share in (0.25, 0.5, 0.75, 1.0):
+            at = round(x + share * (to_x - x)), round(y + share * (to_y - y))
+            hand.w3c_actions.pointer_action.move_to_location(*at)
+        hand.pause(0.3).release().perform()
+
+    def _pixel(self, node: str, along_x_m: float) -> tuple[float, float]:
+        x, y = self.tab.execute_script(PIXEL, node, along_x_m, 0.0, 0.0)
+        return x, y
+
+    # ------------------------------------------------------------------ elements
+
+    def click(self, xpath: str, *, displayed: bool = False) -> None:
+        """Click as a mouse does, once the element is there, free and not grey."""
+
+        def act() -> None:
+            found = [each for each in self.all(xpath) if not displayed or each.is_displayed()]
+            if not found or not found[0].is_enabled():
+                raise ElementNotInteractableException(xpath)
+            found[0].click()
+
+        self._try(act, f"{xpath} can be clicked")
+
+    def all(self, xpath: str) -> list[WebElement]:
+        """Return the elements of a path."""
+        return self.tab.find_elements(By.XPATH, xpath)
+
+    def one(self, xpath: str) -> WebElement:
+        """Return the element of a path once it is there."""
+        self.browser.wait(lambda: bool(self.all(xpath)), xpath, PATIENCE_S)
+        return self.all(xpath)[0]
+
+    def _try(self, act: Callable[[], Any], what: str) -> None:
+        def done() -> bool:
+            try:
+                act()
+            except IN_THE_WAY:
+                return False
+            return True
+
+        self.browser.wait(done, what, PATIENCE_S)
+
+    def _row(self, label: str) -> str:
+        return f"//label[normalize-space()='{label}']/../../.."

@@ -143,6 +143,7 @@ class Desk:
         drawing: how richly the scene is drawn
         seen: whether the scene is on its screen
         folders: further parts of the panel of commands
+        pressers: {first word that an element with `data-trocar-send` sends: takes the rest}
     """
 
     def __init__(
@@ -162,6 +163,7 @@ class Desk:
         self.tables: StatusTables | None = None
         self.cameras: CameraWindow | None = None
         self.folders: list[Folder] = []
+        self.pressers: dict[str, Callable[[str], object]] = {}
         self._plots: JointPlots | None = None
         self._scoreboard: Scoreboard | None = None
         self._seat: Buttons | None = None
@@ -282,6 +284,7 @@ class Desk:
         for folder in self.folders:
             folder.close()
         self.folders.clear()
+        self.pressers.clear()
 
     # ------------------------------------------------------------------ refreshing
 
@@ -446,6 +449,8 @@ class Desk:
             show_help(self.browser.gui, {} if all_.driving is None else all_.driving.tables)
         elif kind == "load" and all_.gallery and not all_.seats.blocked(self._who):
             all_.gallery.choose(rest)
+        elif kind in self.pressers:
+            self.pressers[kind](rest)
 
     def _press_seat(self, name: str) -> None:
         seats = self._contents.seats

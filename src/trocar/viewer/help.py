@@ -33,8 +33,10 @@ HINTS: Mapping[str, str] = {
     "Contact forces": "Arrows at every contact, 10 mm a newton, with the largest in newtons [N]."
     " docs/viewer.md, See",
     "Tip paths": "The ways of the tips in the last 10 s. docs/viewer.md, See",
-    "Workspace": "All that the tip of the chosen arm reaches in some orientation, within its joints'"
-    " limits [l]. docs/viewer.md, See",
+    "Workspace": "All that the tip of the chosen arm reaches in some orientation within the limits"
+    " of its joints, and its volume [l]. docs/viewer.md, See",
+    "Pick": "The next click in the scene marks a link: its name and the axes of its frame, x red,"
+    " y green, z blue, 120 mm long. docs/viewer.md, Outline",
     "Plot": "A quantity of a joint over the last minute [deg, mm, their rates, N m, N].",
     "Last minute": "Save the chosen quantities, or all, as CSV in SI, 10 samples a second.",
     "All arms to": "Named poses of the rig, in joint space; setup joints stay. docs/simulation.md",

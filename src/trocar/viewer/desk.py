@@ -16,6 +16,7 @@ from trocar.live.images import Pictures
 from trocar.live.loop import Loop
 from trocar.live.player import Player
 from trocar.live.state import LoopState
+from trocar.viewer.cameras import WIDTH as CAMERAS_WIDTH
 from trocar.viewer.cameras import CameraWindow
 from trocar.viewer.channel import BrowserReport, Channel
 from trocar.viewer.drawing import Drawing
@@ -41,6 +42,9 @@ breakpoint."""
 
 PANEL_WIDTH, NARROW_WIDTH = 370, 330
 """Width of each panel in CSS pixels, and in a window that is not wide. Source: chosen by eye."""
+
+NARROW_CAMERAS = 300
+"""Width of the window of cameras in a window that is not wide [CSS px]. Source: chosen by eye."""
 
 SILENT_S = 1.0
 """Time after which a browser that reports nothing gets the page of a wide one [s]: a program of
@@ -199,8 +203,9 @@ class Desk:
         elif all_.driving is not None and all_.driving.tables:
             self._window(panel_width, docked=False)
         if all_.pictures is not None:
-            narrow = {} if wide else {"width": 300}
-            self.cameras = CameraWindow(gui, all_.pictures, all_.eyes, **narrow)
+            width = CAMERAS_WIDTH if wide else NARROW_CAMERAS
+            self.cameras = CameraWindow(gui, all_.pictures, all_.eyes, width, self._save)
+            self.pressers["cameras"] = self.cameras.press
             self._panels.append(self.cameras.window)
             if phone:
                 self.cameras.window.expand()
@@ -431,6 +436,11 @@ class Desk:
             rate = "" if frames is None else f"{frames:.0f} frames/s"
             chips.append(", ".join(filter(None, (f"drawn {how}" if how else "", rate))))
         return "".join(f"<span>{chip}</span>" for chip in chips)
+
+    def _save(self, name: str, data: bytes) -> None:
+        """Have the browser save a file."""
+        if isinstance(self.browser, viser.ClientHandle):
+            self.browser.send_file_download(name, data)
 
     # ------------------------------------------------------------------ from the browser
 

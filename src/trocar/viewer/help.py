@@ -64,6 +64,8 @@ HINTS: Mapping[str, str] = {
     "Camera": "A camera of the rig. docs/endoscope.md",
     "View": "One eye, both side by side, or an anaglyph for red (left) and cyan glasses."
     " docs/endoscope.md",
+    "Content": "Colours; depth along the view [mm]; or ids: each object its colour. Overlays and"
+    " the anaglyph are of colours. docs/viewer.md, Cameras",
     "Overlays": "What the scene draws into the image. docs/vision.md",
     "Last 10 s of": "Joint of the plots [deg or mm], over simulated time [s].",
     "Load": "Another rig or scene in place of this one, with pictures. docs/scenes.md",

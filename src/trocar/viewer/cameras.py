@@ -39,13 +39,13 @@ COLOUR, DEPTH, IDS = "colour", "depth", "ids"
 LEFT, RIGHT, BOTH, ANAGLYPH, OFF = "left", "right", "both", "anaglyph", "off"
 
 #: client.js finds the picture beside the button; Escape ends the full screen.
-FULL_SCREEN = """<div class="trocar" style="display:flex;gap:8px;align-items:center">
-<button data-trocar="full-screen" style="font:inherit;padding:2px 9px;border-radius:4px;
-border:1px solid #1c6fa4;background:none;color:#1c6fa4;cursor:pointer">Full screen</button>
-<button data-trocar-send="cameras/save" title="Save the picture as PNG" style="font:inherit;
-padding:2px 9px;border-radius:4px;border:1px solid #1c6fa4;background:none;color:#1c6fa4;
-cursor:pointer">Save</button>
-<span style="opacity:.62" data-trocar="scope">{status}</span></div>"""
+BELOW = """<style>.trocar .below button { font: inherit; padding: 2px 9px;
+  border-radius: 4px; border: 1px solid #1c6fa4; background: none; color: #1c6fa4;
+  cursor: pointer; white-space: nowrap; }</style>
+<div class="trocar"><div class="below" style="display:flex;gap:8px;align-items:center">
+<button data-trocar="full-screen">Full screen</button>
+<button data-trocar-send="cameras/save" title="Save the picture as PNG">Save</button>
+<span style="opacity:.62" data-trocar="scope">{status}</span></div></div>"""
 
 
 class CameraWindow:
@@ -104,7 +104,7 @@ class CameraWindow:
                 )
             self.image = gui.add_image(np.zeros((480, 640, 3), np.uint8), format="jpeg")
             self.legend = gui.add_html("", visible=False)
-            self.line = gui.add_html(FULL_SCREEN.format(status=""))
+            self.line = gui.add_html(BELOW.replace("{status}", ""))
         self.window.float(x=GAP, y=-GAP, width=width)  # the arms stay in sight
         self.leave = pictures.add(self, self.beside)
 
@@ -127,7 +127,7 @@ class CameraWindow:
         status = self._pictures.failure or self._figures()
         if status != self._status:
             self._status = status
-            self.line.content = FULL_SCREEN.format(status=escape(status))
+            self.line.content = BELOW.replace("{status}", escape(status))
         legend = "" if self._content == COLOUR or self._view == OFF else self._legend
         if legend != self.legend.content:
             self.legend.content = legend

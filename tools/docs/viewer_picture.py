@@ -167,9 +167,11 @@ SHOTS = {
     ),
     "viewer-upload": Shot(("sim", "--rig", "two_psm_ecm"), UPLOAD, "1320,800", 0.9, moved_s=15.0),
     "viewer-outline": Shot(
-        ("sim", "--rig", "two_psm_ecm"), OUTLINE, "1500,900", 0.9, left=False, moved_s=40.0
+        ("sim", "--rig", "two_psm_ecm"), OUTLINE, "1500,900", 0.9, left=False, moved_s=120.0
     ),
-    "viewer-depth": Shot(("sim", "--rig", "pegs"), press("depth"), "1320,800", 0.9, right=False),
+    "viewer-depth": Shot(
+        ("sim", "--rig", "pegs"), press("depth"), "1320,800", 0.9, left=False, right=False
+    ),
     "viewer-phone": Shot(("play", "needle-pick"), press("Next seed"), "390,844", 1.0, phone=True),
 }
 

@@ -118,15 +118,18 @@ def first_tip(source: str, rig: str) -> list[Figure]:
 
 
 def _run(command: Sequence[str], folder: Path) -> None:
-    found = subprocess.run(
-        command,
-        cwd=folder,
-        env=ENVIRONMENT,
-        capture_output=True,
-        text=True,
-        timeout=INSTALLED_S,
-        check=False,
-    )
+    try:
+        found = subprocess.run(
+            command,
+            cwd=folder,
+            env=ENVIRONMENT,
+            capture_output=True,
+            text=True,
+            timeout=INSTALLED_S,
+            check=False,
+        )
+    except subprocess.TimeoutExpired as error:
+        raise TrocarError(f"{' '.join(command)}: not done within {INSTALLED_S:g} s") from error
     if found.returncode != 0:
         raise TrocarError(f"{' '.join(command)}: {(found.stderr or found.stdout)[-500:]}")
 
@@ -171,6 +174,7 @@ def drag_first_tip(url: str, profile: Path, drawn: Any) -> None:
         from selenium import webdriver
         from selenium.common.exceptions import TimeoutException
         from selenium.webdriver.common.action_chains import ActionChains
+        from urllib3.exceptions import HTTPError
     except ImportError as error:
         raise InputError("selenium is not installed: pip install 'trocar[browser]'") from error
     chosen = webdriver.ChromeOptions()
@@ -216,5 +220,7 @@ def drag_first_tip(url: str, profile: Path, drawn: Any) -> None:
                 if any(abs(a - b) > MOVED for a, b in zip(now, before, strict=True)):
                     return
         raise TrocarError(f"{url}: no joint followed the mouse")
+    except HTTPError as error:
+        raise TrocarError(f"{url}: the browser has not answered its driver: {error}") from error
     finally:
         tab.quit()

@@ -209,14 +209,14 @@ class CameraWindow:
         return {self._camera: (self._content,)}
 
     def _packed(self, shot: Shot, view: str, content: str) -> bytes:
-        """Return what is shown of a picture as a file, packed once for all where it can be."""
+        """Pack the shown part of a picture as a file, once for all browsers where it can be."""
         alone = self._cameras[shot.camera] == 1 or view in (LEFT, RIGHT)
         if content == COLOUR and alone and shot.format == self._packer.format:
             return shot.packed(self._eye(shot, view), overlaid=self._overlaid)
         return self._packer.pack(self._picture(shot, view, content))
 
     def _picture(self, shot: Shot, view: str, content: str) -> Picture:
-        """Return what is shown of a picture, (h, w, 3) or (h, 2 w, 3)."""
+        """Compose the shown part of a picture, (h, w, 3) or (h, 2 w, 3)."""
         if content != COLOUR:
             eye = BOTH if view == BOTH else self._eye(shot, view)
             return picture(shot.frame, eye, content)

@@ -49,7 +49,7 @@ STYLE = """<style>
 
 
 @dataclass(frozen=True)
-class Entry:
+class OutlineEntry:
     """A line of the outline.
 
     Attributes:
@@ -92,10 +92,10 @@ class Outline:
         self._axes: viser.FrameHandle | None = None
         self._label: viser.LabelHandle | None = None
         self._picking = False
-        self.groups: Mapping[str, Sequence[Entry]] = {}
+        self.groups: Mapping[str, Sequence[OutlineEntry]] = {}
         self.hidden: set[str] = set()
         self.opened: set[str] = set()
-        self.picked: Entry | None = None
+        self.picked: OutlineEntry | None = None
         desk.pressers["outline"] = self.press
         gui = desk.browser.gui
         with gui.add_folder("Outline", expand_by_default=False):
@@ -176,7 +176,7 @@ class Outline:
             self._place()
         self._draw()
 
-    def _see(self, entries: Sequence[Entry]) -> None:
+    def _see(self, entries: Sequence[OutlineEntry]) -> None:
         """Hide entries, or show them where all of them are hidden."""
         hide = any(entry.name not in self.hidden for entry in entries)
         for entry in entries:
@@ -254,7 +254,7 @@ class Outline:
             self._tree.content = html
 
 
-def outline(shapes: Sequence[ShapeRecord], drawn: Sequence[str]) -> dict[str, list[Entry]]:
+def outline(shapes: Sequence[ShapeRecord], drawn: Sequence[str]) -> dict[str, list[OutlineEntry]]:
     """Return the entries of the world, by arm; then objects, then tissue and threads.
 
     Args:
@@ -262,19 +262,19 @@ def outline(shapes: Sequence[ShapeRecord], drawn: Sequence[str]) -> dict[str, li
         drawn: names of what bends
     """
     owner = {shape.body: shape.arm for shape in shapes}
-    groups: dict[str, list[Entry]] = {}
+    groups: dict[str, list[OutlineEntry]] = {}
     for body, name in sorted(body_names(shapes).items()):
         group = owner[body] or OBJECTS
-        groups.setdefault(group, []).append(Entry(name, node_of(name), body))
+        groups.setdefault(group, []).append(OutlineEntry(name, node_of(name), body))
     if OBJECTS in groups:
         groups[OBJECTS] = groups.pop(OBJECTS)
     if drawn:
-        groups[DRAWN] = [Entry(name, drawing_node(name), None) for name in drawn]
+        groups[DRAWN] = [OutlineEntry(name, drawing_node(name), None) for name in drawn]
     return groups
 
 
 def first_hit(triangles: TriangleSurface, origin: Floats, direction: Floats) -> float:
-    """Return how far along a ray a surface is, in lengths of the direction; inf: it is not met.
+    """Return the distance along a ray to a surface, in lengths of the direction; inf: not met.
 
     Source: Moeller, Trumbore 1997, Fast, Minimum Storage Ray/Triangle Intersection.
 
@@ -300,7 +300,7 @@ def first_hit(triangles: TriangleSurface, origin: Floats, direction: Floats) -> 
 
 
 def tree_html(
-    groups: Mapping[str, Sequence[Entry]],
+    groups: Mapping[str, Sequence[OutlineEntry]],
     opened: Collection[str],
     hidden: Collection[str],
     picked: str | None,

@@ -9,9 +9,9 @@ RUN apt-get update \
     && rm -rf /var/lib/apt/lists/*
 
 WORKDIR /opt/trocar
-COPY pyproject.toml README.md LICENSE ./
+COPY pyproject.toml constraints.txt README.md LICENSE ./
 COPY src ./src
-RUN pip install --no-cache-dir '.[all]'
+RUN pip install --no-cache-dir --constraint constraints.txt '.[all]'
 
 RUN useradd --create-home trocar
 USER trocar

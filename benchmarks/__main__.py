@@ -2,6 +2,7 @@
 
 python -m benchmarks attack --help: attack a simulator and count what fails.
 python -m benchmarks against --help: speed of an older commit and of this tree, in turn.
+python -m benchmarks first-tip --help: seconds from a clone to a tip dragged in the web viewer.
 python -m benchmarks genuine --help: answers beside those of the dVRK's own software.
 """
 
@@ -37,6 +38,10 @@ def main(words: Sequence[str] | None = None) -> int:
         from benchmarks.genuine.__main__ import main as genuine
 
         return genuine(words[1:])
+    if words[:1] == ["first-tip"]:
+        from benchmarks.first_tip import main as first_tip
+
+        return first_tip(words[1:])
     if words[:1] == ["against"]:
         from benchmarks.against import main as against
 

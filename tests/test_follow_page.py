@@ -69,6 +69,23 @@ def test_a_bag_without_the_arm_is_refused_with_its_joint_states(
     assert "has no /PSM1/measured_js; its joint states: /ECM/measured_js, /PSM2/measured_js" in said
 
 
+def test_with_a_host_other_machines_have_an_address_that_only_watches(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("viser", reason="the page's library is not there")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.delenv("TROCAR_TOKEN", raising=False)
+    session(tmp_path / "session.bag", {"PSM1": 6})
+    words = ["mirror", "--bag", "session.bag", "--rig", "psm", "--no-cameras", "--serve", "0"]
+    assert main([*words, "--host", "0.0.0.0", "--port", "0", "--duration", "0.2"]) == 0
+    own, others, websocket, file = capsys.readouterr().out.splitlines()
+    assert own.startswith("http://127.0.0.1:") and "watch, request control" in others
+    assert websocket.startswith("ws") and "addresses with the secret" in file
+    assert main([*words, "--no-page", "--host", "0.0.0.0"]) == BAD_INPUT
+    assert "--host: has no effect here; allowed without --no-page only" in capsys.readouterr().err
+
+
 def test_every_source_of_the_page_is_an_option(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["mirror", "--help"])

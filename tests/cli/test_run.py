@@ -116,27 +116,29 @@ def test_a_page_needs_the_wall_clock(script: str, capsys: pytest.CaptureFixture[
     assert "--page: got --speed max; allowed: --speed realtime" in capsys.readouterr().err
 
 
-def test_the_page_is_served_beside_the_script(tmp_path: Path) -> None:
+@pytest.mark.parametrize("host", ["127.0.0.1", "0.0.0.0"])
+def test_the_page_is_served_beside_the_script(tmp_path: Path, host: str) -> None:
     pytest.importorskip("viser", reason="the page's library is not there")
     path = tmp_path / "short.py"
     path.write_text("import time\nprint('PSM1', flush=True)\ntime.sleep(0.5)\n", encoding="utf-8")
     code = "from trocar.cli import main; raise SystemExit(main())"
     with subprocess.Popen(
-        [sys.executable, "-c", code, "run", "--page", "--port", "0", str(path)],
-        env={**os.environ, "PYTHONPATH": str(ROOT / "src")},
+        [sys.executable, "-c", code, "run", "--page", "--port", "0", "--host", host, str(path)],
+        env={**os.environ, "PYTHONPATH": str(ROOT / "src"), "XDG_RUNTIME_DIR": str(tmp_path)},
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     ) as process:  # fmt: skip
         assert process.stderr is not None
         said: list[str] = []
         for line in process.stderr:
             said.append(line)
-            if line.startswith("http"):
+            if line.startswith("http://127"):
                 with urlopen(line.split()[0]) as page:
                     assert page.status == 200
             if "script finished" in line:
                 process.terminate()
         assert process.wait(30.0) == 0, said
     assert said[0].startswith("http://127.0.0.1:")
+    assert ("watch, request control" in said[1]) == (host == "0.0.0.0")
     assert said[-1].startswith("trocar: short.py: rig psm")
 
 

@@ -43,6 +43,21 @@ def test_a_recording_is_served(trocar, run):
     assert answer.out.startswith("http://127.0.0.1:")
 
 
+def test_with_a_host_it_has_an_address_for_others_that_only_watches(
+    trocar, run, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.delenv("TROCAR_TOKEN", raising=False)
+    words = ("--host", "0.0.0.0", "--port", "0", "--no-cameras", "--duration", "0.2")
+    answer = trocar("view", run, *words)
+    assert answer.status == 0
+    own, others, file = answer.out.splitlines()
+    assert own.startswith("http://127.0.0.1:") and "watch, request control" in others
+    secrets = [line.partition("?token=")[2].partition(" ")[0] for line in (own, others)]
+    assert all(len(secret) > 40 for secret in secrets) and secrets[0] != secrets[1]
+    assert "addresses with the secret" in file and not list((tmp_path / "trocar").glob("*.json"))
+
+
 def test_a_log_is_served_with_all_arms_of_a_rig_or_one_alone(trocar, log):
     words = ("--port", "0", "--no-cameras", "--duration", "0.2")
     answer = trocar("view", log, "--rig", "two_psm_ecm", *words)

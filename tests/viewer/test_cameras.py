@@ -15,10 +15,14 @@ from PIL import Image
 from tests.live.fake_renderer import FakeRenderer
 from trocar.live import Loop
 from trocar.live.images import Order, Overlay, Packer, Pictures, Shot
+from trocar.rendering.frames import depth_picture, ids_picture
 from trocar.simulation import World
 from trocar.viewer.cameras import (
     ANAGLYPH,
     BOTH,
+    COLOUR,
+    DEPTH,
+    IDS,
     LEFT,
     OFF,
     RATE_HZ,
@@ -27,6 +31,7 @@ from trocar.viewer.cameras import (
     VISIBLE_S,
     CameraWindow,
 )
+from trocar.viewer.legends import NAMED, depth_legend, ids_legend
 from trocar.viewer.page import Page
 from trocar.viewer.server import LocalServer, run_there, serving
 
@@ -223,3 +228,106 @@ def test_pictures_become_rare_while_the_arms_fall_behind_and_come_back(
         for _ in range(100):
             window.show_status()
         assert window.period_s == pytest.approx(period_s)
+
+
+# ---------------------------------------------------------------------- depth and ids
+
+#: What both eyes see: a wedge from 50 to 200 mm, and three objects.
+WEDGE = np.tile(np.linspace(0.05, 0.2, 64, dtype=np.float32), (2, 48, 1))
+THINGS = np.repeat(np.array([0, 5, 9, 9], np.int32), 16)[None, None].repeat(48, 1).repeat(2, 0)
+
+
+def deep_shot() -> Shot:
+    """A shot with depth and ids beside its colours."""
+    found = shot()
+    found.frame.depth, found.frame.ids = WEDGE, THINGS
+    found.frame.names = {5: "PSM1/<yaw>", 9: "table"}
+    return found
+
+
+@pytest.mark.parametrize("content", [DEPTH, IDS])
+@pytest.mark.parametrize("view", [LEFT, RIGHT, BOTH, ANAGLYPH])
+def test_depth_and_ids_are_requested_and_shown_with_their_legend(
+    content: str, view: str, server: LocalServer, window: CameraWindow
+) -> None:
+    window.choose_view(view)
+    window.choose_content(content)
+    run_there(server, lambda: window.show(time.perf_counter()))
+    assert window.beside() == {}  # no picture is due
+    assert window.wanted() == ("endoscope",)
+    assert window.beside() == {"endoscope": (content,)}
+    window.take(deep_shot())
+    one = depth_picture(WEDGE[0], (0.05, 0.2)) if content == DEPTH else ids_picture(THINGS[0])
+    expected = np.concatenate([one, one], axis=1) if view == BOTH else one
+    image = shown(server, window)
+    assert image.shape == expected.shape
+    assert np.abs(image - expected.astype(int)).mean() < 12  # as JPEG
+    run_there(server, window.show_status)
+    assert ("[mm]" if content == DEPTH else "PSM1/&lt;yaw&gt;") in window.legend.content
+    window.choose_content(COLOUR)
+    assert window.beside() == {}
+    run_there(server, window.show_status)
+    assert window.legend.content == "" and not window.legend.visible
+
+
+def test_a_picture_without_the_depth_that_was_chosen_since_is_left_out(
+    server: LocalServer, window: CameraWindow
+) -> None:
+    run_there(server, lambda: window.show(time.perf_counter()))
+    assert window.wanted() == ("endoscope",)
+    window.choose_content(DEPTH)
+    before = window.image._data
+    plain = shot()
+    plain.frame.depth = None
+    window.take(plain)
+    run_there(server, lambda: window.show(time.perf_counter()))
+    assert window.image._data is before
+
+
+def test_pictures_draw_what_any_client_requests_beside_colours(world: World) -> None:
+    renderer = FakeRenderer()
+    loop = Loop(world, speed="max")
+    pictures = Pictures(loop, lambda: renderer)
+    client = SimpleNamespace(wanted=lambda: ("endoscope",), take=lambda _: None)
+    leave = pictures.add(client, lambda: {"endoscope": ("depth",)})
+    pictures.add(SimpleNamespace(**vars(client)), lambda: {"endoscope": ("ids",)})
+    for expected in ({"depth", "ids"}, {"ids"}):
+        assert "endoscope" in pictures.shoot(world)
+        end = time.monotonic() + 20
+        while renderer.beside != expected:
+            assert time.monotonic() < end
+            time.sleep(0.01)
+        leave()
+    pictures.close()
+
+
+def test_what_is_saved_is_the_picture_that_is_shown(server: LocalServer) -> None:
+    saved: dict[str, bytes] = {}
+    pictures = Pictures(Loop(World("psm")), FakeRenderer)
+    eyes = {"endoscope": 2}
+    window = run_there(
+        server, lambda: CameraWindow(server.gui, pictures, eyes, save=saved.__setitem__)
+    )
+    window.press("save")
+    assert not saved
+    window.choose_content(DEPTH)
+    run_there(server, lambda: window.show(time.perf_counter()))
+    assert window.wanted()
+    window.take(deep_shot())
+    window.press("something")
+    window.press("save")
+    image = np.asarray(Image.open(io.BytesIO(saved["endoscope-depth.png"])))
+    assert np.array_equal(image, depth_picture(WEDGE[0], (0.05, 0.2)))
+
+
+def test_legends_have_the_ends_in_millimetres_and_the_largest_objects_first() -> None:
+    found = depth_legend(WEDGE)
+    assert (
+        "<span>50</span>" in found and "<span>100</span>" in found and "<span>200</span>" in found
+    )
+    text = ids_legend(THINGS, {5: "a", 9: "b"})
+    assert text.index("</span> b<") < text.index("</span> a<")
+    many = np.arange(NAMED + 4, dtype=np.int32)[None, None]
+    assert "and 3 more" in ids_legend(many, {})
+    nothing = np.full((1, 2, 2), np.inf, np.float32)
+    assert "[mm]" in depth_legend(nothing)

@@ -3,7 +3,7 @@
 python tools/docs/viewer_picture.py NAME [FILE]
 
 NAME: cart, teleoperation, viewer-scene, viewer-gallery, viewer-gone, viewer-phone,
-viewer-recording or viewer-upload.
+viewer-recording, viewer-upload, viewer-outline or viewer-depth.
 
 Needs the extra `browser` and Chromium with its driver, which draw without a display.
 """
@@ -116,6 +116,24 @@ setTimeout(() => {
 }, 1500);
 """
 
+#: Shows the workspace of the chosen arm, and picks one of its links in the outline.
+OUTLINE = """
+const open = name => [...document.querySelectorAll('*')]
+  .filter(e => e.children.length < 3 && e.innerText?.trim() === name).pop().click();
+const send = words => document.querySelector(`[data-trocar-send="outline/${words}"]`).click();
+open('See');
+setTimeout(() => {
+  const label = [...document.querySelectorAll('label')].find(l => l.innerText === 'Workspace');
+  document.getElementById(label.htmlFor).click();
+}, 3000);
+setTimeout(() => open('Outline'), 6000);
+setTimeout(() => send('open/PSM1'), 10000);
+setTimeout(() => send('pick/PSM1/pitch_end'), 13000);
+setTimeout(() => send('see/PSM2'), 16000);
+setTimeout(() => document.querySelector('[data-trocar=outline]').parentElement.scrollIntoView(),
+  19000);
+"""
+
 SHOTS = {
     "cart": Shot(
         ("sim",),
@@ -148,6 +166,12 @@ SHOTS = {
         ),
     ),
     "viewer-upload": Shot(("sim", "--rig", "two_psm_ecm"), UPLOAD, "1320,800", 0.9, moved_s=15.0),
+    "viewer-outline": Shot(
+        ("sim", "--rig", "two_psm_ecm"), OUTLINE, "1500,900", 0.9, left=False, moved_s=120.0
+    ),
+    "viewer-depth": Shot(
+        ("sim", "--rig", "pegs"), press("depth"), "1320,800", 0.9, left=False, right=False
+    ),
     "viewer-phone": Shot(("play", "needle-pick"), press("Next seed"), "390,844", 1.0, phone=True),
 }
 

@@ -25,6 +25,7 @@ from trocar.cli.arguments import (
     options,
 )
 from trocar.cli.output import print_json, table
+from trocar.cli.serving import add_host, greeting, page_access
 from trocar.cli.worlds import add_cameras, add_record, open_pictures, recording
 from trocar.errors import InputError
 
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from trocar.live.access import PageAccess
     from trocar.live.images import Pictures
     from trocar.robot.follow import BagSource, LiveSource, Mirror, MirrorReport
+    from trocar.ros.transports.websocket import WebSocketTransport
     from trocar.simulation import World
 
 SUMMARY = "mirror a real robot, live or from a recording"
@@ -73,6 +75,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         --serve N:int  serve the simulated arms' topics and images over rosbridge WebSocket on port
                        N (0 = any free port)
     """)  # fmt: skip
+    add_host(viewer)
     add_origin(viewer)
     cameras = parser.add_argument_group("cameras")
     add_cameras(cameras)
@@ -96,16 +99,16 @@ def run(args: Namespace) -> int:
         raise InputError("--speed max: allowed with --bag only; a live robot runs in real time")
     allow_overwrite(args, "record")
     if args.no_page:
-        allow(args, "without --no-page", "port")
+        allow(args, "without --no-page", "port", "host")
         if args.serve is None:
-            allow(args, "without --no-page, or with --serve", "origin", *names_of(add_cameras))
+            served = ("origin", "token", *names_of(add_cameras))
+            allow(args, "without --no-page, or with --serve", *served)
     from trocar.live import Loop
-    from trocar.live.access import PageAccess
     from trocar.live.loop import SERVER_TICK_S
     from trocar.robot.follow import Mirror
     from trocar.simulation import World
 
-    access = PageAccess(args.origin)
+    access = page_access(args)
     world = World(args.rig, calibration=args.calibration)
     source = _source(args, world)
     speed = args.speed or ("max" if args.bag and args.no_page else "realtime")
@@ -118,14 +121,14 @@ def run(args: Namespace) -> int:
     with ExitStack() as stack:
         stack.enter_context(closing(mirror))
         pictures = _pictures(loop, args, stack)
-        address = _served(loop, args, (pictures, access), stack)
+        socket = _served(loop, args, (pictures, access), stack)
         mirror.start()
         if args.no_page:
-            if address:
-                print(address, file=sys.stderr if args.json else sys.stdout, flush=True)
+            if socket is not None:
+                print(socket.greeting, file=sys.stderr if args.json else sys.stdout, flush=True)
             _follow(loop, mirror, args.duration)
         else:
-            _show(world, loop, mirror, args, (pictures, access, address))
+            _show(world, loop, mirror, args, (pictures, access, socket))
     report = mirror.report()
     if args.json:
         print_json(report)
@@ -188,10 +191,10 @@ def _pictures(loop: Loop, args: Namespace, stack: ExitStack) -> Pictures | None:
 
 def _served(
     loop: Loop, args: Namespace, shared: tuple[Pictures | None, PageAccess], stack: ExitStack
-) -> str:
-    """Serve the simulated arms' topics with --serve; return the line to print."""
+) -> WebSocketTransport | None:
+    """Serve the simulated arms' topics with --serve."""
     if args.serve is None:
-        return ""
+        return None
     from trocar.ros import Core
     from trocar.ros.transports.websocket import WebSocketTransport
 
@@ -201,7 +204,7 @@ def _served(
     transport = WebSocketTransport("127.0.0.1", args.serve, access)
     core.attach(transport)
     core.start()
-    return str(transport.greeting)
+    return transport
 
 
 def _show(
@@ -209,22 +212,32 @@ def _show(
     loop: Loop,
     mirror: Mirror,
     args: Namespace,
-    more: tuple[Pictures | None, PageAccess, str],
+    more: tuple[Pictures | None, PageAccess, WebSocketTransport | None],
 ) -> None:
     from trocar.viewer import serve
 
-    pictures, access, address = more
-    more_lines = f"\n{address}" if address else ""
-    serve(
-        world,
-        port=args.port,
-        duration_s=args.duration,
-        on_ready=lambda url: print(f"{url}  (Ctrl-C stops){more_lines}", flush=True),
-        loop=loop,
-        pictures=pictures,
-        note=mirror.page,
-        access=access,
-    )
+    pictures, access, socket = more
+    stack = ExitStack()
+
+    def greet(url: str) -> None:
+        lines, found = [url], {"web_viewer": url}
+        if socket is not None:
+            lines.append(str(socket.greeting))
+            found[socket.name] = socket.viewer_address
+        print(*greeting(stack, access, lines, found), sep="\n", flush=True)
+
+    with stack:
+        serve(
+            world,
+            host=args.host,
+            port=args.port,
+            duration_s=args.duration,
+            on_ready=greet,
+            loop=loop,
+            pictures=pictures,
+            note=mirror.page,
+            access=access,
+        )
     loop.wait()
 
 

@@ -14,11 +14,12 @@ import threading
 from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from concurrent.futures import Future
-from contextlib import nullcontext, suppress
+from contextlib import ExitStack, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from trocar.cli.arguments import Parser, add_port, allow, allow_overwrite, options
+from trocar.cli.serving import add_host, greeting, page_access
 from trocar.cli.worlds import (
     add_cameras,
     add_record,
@@ -86,6 +87,7 @@ def _add_options(parser: ArgumentParser) -> None:
         --page  serve the web viewer
     """)  # fmt: skip
     add_port(viewer)
+    add_host(viewer)
 
 
 def run(args: Namespace) -> int:
@@ -102,10 +104,10 @@ def run(args: Namespace) -> int:
     if args.page and args.speed != "realtime":
         raise InputError(f"--page: got --speed {args.speed}; allowed: --speed realtime")
     if not args.page:
-        allow(args, "with --page", "port")
+        allow(args, "with --page", "port", "host", "token")
     allow_overwrite(args, "record")
     world = make_world(args)
-    page = ScriptPage(world, args.port) if args.page else None
+    page = ScriptPage(world, args) if args.page else None
     flow, linger = _flow(world, args, page), page and page.linger
     edition = None if args.ros_version is None else 2 if args.ros_version == "2" else 1
     with nullcontext() if isinstance(flow, Live) else recording(world, args)():
@@ -145,8 +147,9 @@ def _flow(world: World, args: Namespace, page: ScriptPage | None) -> Flow:
 class ScriptPage:
     """Web viewer of a running script, served in its own thread until Ctrl-C after the script."""
 
-    def __init__(self, world: World, port: int) -> None:
-        self._world, self._port = world, port
+    def __init__(self, world: World, args: Namespace) -> None:
+        self._world, self._args, self._access = world, args, page_access(args)
+        self._stack = ExitStack()
         self._ready: Future[str] = Future()
         self._thread = threading.Thread(target=self._serve, name="trocar-page", daemon=True)
 
@@ -154,14 +157,16 @@ class ScriptPage:
         """Serve the web viewer, which starts the loop; return when the loop runs."""
         self._loop = loop
         self._thread.start()
-        print(f"{self._ready.result()}  (Ctrl-C stops)", file=sys.stderr, flush=True)
+        address = self._ready.result()
+        lines = greeting(self._stack, self._access, [address], {"web_viewer": address})
+        print(*lines, sep="\n", file=sys.stderr, flush=True)
         if sys.stdin is not None and sys.stdin.isatty():
             print("press Enter to start the script ", file=sys.stderr, end="", flush=True)
             sys.stdin.readline()
 
     def linger(self) -> None:
         """Keep serving until Ctrl-C."""
-        with suppress(KeyboardInterrupt):
+        with self._stack, suppress(KeyboardInterrupt):
             print("script finished; Ctrl-C stops the web viewer", file=sys.stderr, flush=True)
             while self._thread.is_alive():
                 self._thread.join(1.0)
@@ -170,7 +175,14 @@ class ScriptPage:
         from trocar.viewer import serve
 
         try:
-            serve(self._world, port=self._port, loop=self._loop, on_ready=self._ready.set_result)
+            serve(
+                self._world,
+                host=self._args.host,
+                port=self._args.port,
+                loop=self._loop,
+                on_ready=self._ready.set_result,
+                access=self._access,
+            )
         except Exception as problem:
             if not self._ready.done():
                 self._ready.set_exception(problem)

@@ -12,7 +12,7 @@ import re
 import secrets
 import sys
 from argparse import SUPPRESS, ArgumentParser, ArgumentTypeError, Namespace
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass
 from functools import partial
@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, NoReturn
 from urllib.parse import urlsplit
 
-from trocar.cli.arguments import add_origin, add_port, allow, names_of, options
+from trocar.cli.arguments import Arguments, add_origin, add_port, allow, names_of, options
 from trocar.cli.gallery import controls, gallery, load
 from trocar.cli.worlds import (
     add_cameras,
@@ -80,6 +80,15 @@ def add_serving(parser: ArgumentParser) -> None:
     cameras = parser.add_argument_group("cameras (docs/endoscope.md)")
     add_cameras(cameras)
     add_record_images(cameras)
+
+
+def add_host(parser: Arguments) -> None:
+    """Add the options that open a web viewer without a WebSocket to other machines."""
+    options(parser, """
+        --host HOST = 127.0.0.1  address of the web viewer (default: 127.0.0.1); 0.0.0.0: other
+                                 machines watch, and drive if the viewer here lets them
+        --token TOKEN            token required by the web viewer (default: $TROCAR_TOKEN)
+    """)  # fmt: skip
 
 
 def _compat_removed(name: str) -> NoReturn:
@@ -149,10 +158,9 @@ def serve(
         DivergedError: the simulation diverged
     """
     from trocar.live import Loop
-    from trocar.live.access import announced
     from trocar.live.loop import SERVER_TICK_S
 
-    access = args.access = getattr(args, "access", None) or _access(args)
+    access = args.access = getattr(args, "access", None) or page_access(args)
     transports = _transports(args, access)
     if args.no_page and not transports:
         raise InputError(
@@ -181,15 +189,11 @@ def serve(
     def greet(*addresses: str) -> None:
         if addresses:
             args.port = urlsplit(addresses[0]).port
-        first, *others = (*addresses, *(str(getattr(t, "greeting", t.name)) for t in transports))
-        if access.token is not None:
-            found = dict(zip(("web_viewer",), addresses, strict=False))
-            found |= {t.name: url for t in transports if (url := getattr(t, "viewer_address", ""))}
-            path = stack.enter_context(announced(found))
-            others.append(f"{path}  (addresses with the secret of this run)")
-        if access.watch_address:
-            others.insert(0, f"{access.watch_address}  (other machines: watch, request control)")
-        print(f"{first}  (Ctrl-C stops)", *others, sep="\n", flush=True)
+        lines = [*addresses, *(str(getattr(t, "greeting", t.name)) for t in transports)]
+        found = dict(zip(("web_viewer",), addresses, strict=False))
+        found |= {t.name: url for t in transports if (url := getattr(t, "viewer_address", ""))}
+        greeted = greeting(stack, access, lines, found)
+        print(*greeted, sep="\n", flush=True)
 
     with ExitStack() as stack:
         pictures = open_pictures(loop, args)
@@ -254,14 +258,40 @@ def serve(
         return chosen
 
 
-def _access(args: Namespace) -> PageAccess:
-    """Return the access of a run; beyond the loopback address the web viewer has a random token."""
+def page_access(args: Namespace) -> PageAccess:
+    """Return the access of a run; beyond the loopback address the web viewer has a random token.
+
+    Args:
+        args: `host` and `token`; `origin` and `no_page` where the command has them
+    """
     from trocar.live.access import PageAccess, is_loopback
 
     token = os.environ.get("TROCAR_TOKEN") or None if args.token is None else args.token
-    if token is None and not args.no_page and not is_loopback(args.host):
+    if token is None and not getattr(args, "no_page", False) and not is_loopback(args.host):
         token = secrets.token_urlsafe()
-    return PageAccess(args.origin, token)
+    return PageAccess(getattr(args, "origin", ()), token)
+
+
+def greeting(
+    stack: ExitStack, access: PageAccess, lines: Sequence[str], addresses: Mapping[str, str]
+) -> list[str]:
+    """Return the lines to print once a run is served.
+
+    Args:
+        stack: ends with the run, and removes the file of addresses
+        access: of the run
+        lines: addresses and greetings, the web viewer's first
+        addresses: {service: address with the secret}, for programs of the same user
+    """
+    from trocar.live.access import announced
+
+    first, *others = lines
+    if access.token is not None:
+        path = stack.enter_context(announced(addresses))
+        others.append(f"{path}  (addresses with the secret of this run)")
+    if access.watch_address:
+        others.insert(0, f"{access.watch_address}  (other machines: watch, request control)")
+    return [f"{first}  (Ctrl-C stops)", *others]
 
 
 def serve_chosen(chosen: Choice | None, args: Namespace) -> None:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_origin, add_port, allow, names_of, options
 from trocar.cli.reading import add_reading, allow_reading, read_settings
+from trocar.cli.serving import add_host, greeting, page_access
 from trocar.cli.worlds import add_cameras, open_pictures
 
 if TYPE_CHECKING:
@@ -43,6 +44,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     """)  # fmt: skip
     viewer = parser.add_argument_group("web viewer")
     add_port(viewer)
+    add_host(viewer)
     add_origin(viewer)
     cameras = parser.add_argument_group("cameras")
     add_cameras(cameras)
@@ -51,10 +53,10 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(args: Namespace) -> int:
     """Show it until Ctrl-C."""
     from trocar.live import Loop
-    from trocar.live.access import PageAccess
     from trocar.live.player import Player
     from trocar.viewer import serve
 
+    access = page_access(args)
     played = _opened(args)
     for text in played.notes:
         print(f"{args.file}: {text}", file=sys.stderr)
@@ -63,7 +65,7 @@ def run(args: Namespace) -> int:
     loop.watch(player)
 
     def greet(url: str) -> None:
-        print(f"{url}  (Ctrl-C stops)", flush=True)
+        print(*greeting(stack, access, [url], {"web_viewer": url}), sep="\n", flush=True)
         if args.duration is not None:
             end = Timer(args.duration, loop.close)
             end.daemon = True
@@ -77,11 +79,12 @@ def run(args: Namespace) -> int:
             pictures.start()
         serve(
             played.world,
+            host=args.host,
             port=args.port,
             on_ready=greet,
             loop=loop,
             pictures=pictures,
-            access=PageAccess(args.origin),
+            access=access,
             player=player,
         )
     return 0

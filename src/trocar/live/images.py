@@ -20,7 +20,6 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from concurrent.futures import CancelledError
 from contextlib import suppress
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import IO, TYPE_CHECKING, Any, Literal, Protocol, get_args
 
 import numpy as np
@@ -57,6 +56,8 @@ BEHIND = 0.97
 Format = Literal["jpeg", "png"]
 FORMATS: tuple[str, ...] = get_args(Format)
 Picture = NDArray[np.uint8]
+#: Returns what a client requests beside colours: {camera: "depth", "ids"}.
+Beside = Callable[[], Mapping[str, Collection[str]]]
 #: Takes a frame and an eye (0 left, 1 right); returns that eye's picture with overlays.
 Overlay = Callable[[Any, int], Picture]
 
@@ -336,7 +337,7 @@ class Pictures:
         self._loop, self._open, self.rate_hz = loop, open_renderer, rate_hz
         self._packer = Packer(format)
         self._calibrations = dict(calibrations or {})
-        self._clients: tuple[PictureClient, ...] = ()
+        self._clients: tuple[tuple[PictureClient, Beside], ...] = ()
         self._worker = worker(self._draw, "trocar-pictures", self._end)
         self._renderer: ImageRenderer | None = None
         self._schedule = DrawSchedule()
@@ -360,12 +361,17 @@ class Pictures:
         self._unwatch()
         self._worker.close(FAREWELL_S)
 
-    def add(self, client: PictureClient) -> Callable[[], None]:
-        """Add a client, until the function that is returned is called."""
-        self._clients += (client,)
+    def add(self, client: PictureClient, beside: Beside = dict) -> Callable[[], None]:
+        """Add a client, until the function that is returned is called.
+
+        Args:
+            client: receives pictures
+            beside: called after its `wanted`
+        """
+        self._clients += ((client, beside),)
 
         def leave() -> None:
-            self._clients = tuple(t for t in self._clients if t is not client)
+            self._clients = tuple(pair for pair in self._clients if pair[0] is not client)
 
         return leave
 
@@ -411,7 +417,7 @@ class Pictures:
         """Names of the cameras that clients request now."""
         if self.failure:
             return frozenset()
-        return frozenset[str]().union(*(client.wanted() for client in self._clients))
+        return frozenset[str]().union(*(client.wanted() for client, _ in self._clients))
 
     def patience(self) -> int:
         """Return the number of ticks within which no picture is due."""
@@ -429,18 +435,20 @@ class Pictures:
         self,
         world: World,
         stamp: tuple[int, int] | None = None,
-        beside: Mapping[str, Collection[str]] = MappingProxyType({}),
     ) -> Mapping[str, CameraRecord]:
         """Have the world drawn as it is now; return its cameras, none without a request.
 
         Args:
             world: of the loop
             stamp: of the messages' headers (s, ns)
-            beside: {camera: "depth", "ids"}: images that are drawn beside colours
         """
         wanted = self.wanted
         if not wanted:
             return {}
+        beside: dict[str, set[str]] = {}
+        for _, requested in self._clients:
+            for camera, names in requested().items():
+                beside.setdefault(camera, set()).update(names)
         now, snapshot = time.perf_counter(), world.snapshot(arms=False)
         order = Order(stamp, now, snapshot, self.cameras(world), wanted, beside)
         if self._worker.put(order):
@@ -474,7 +482,7 @@ class Pictures:
                 let_others_go_first()
                 self._renderer = self._open()
             for shot in shots(self._renderer, order, self._packer, self.overlay):
-                for client in self._clients:
+                for client, _ in self._clients:
                     client.take(shot)
                 self.made += 1
             self._refused = 0

@@ -187,11 +187,16 @@ def _layers(frame: Any, show: str) -> list[Picture]:
     if layers is None:
         raise InputError(f"the frame was rendered without {show}")
     if show == "depth":
-        seen = layers[np.isfinite(layers) & (layers > 0.0)]
-        ends = (float(seen.min()), float(seen.max())) if seen.size else (0.0, 1.0)
+        ends = depth_ends(layers)
         return [depth_picture(layer, ends) for layer in layers]
     make = ids_picture if show == "ids" else normals_picture
     return [make(layer) for layer in layers]
+
+
+def depth_ends(depth: NDArray[np.float32]) -> tuple[float, float]:
+    """Return the least and the largest depth of arrays, 1 mm and 1 m where they have none [m]."""
+    seen = depth[np.isfinite(depth) & (depth > 0.0)]
+    return (float(seen.min()), float(seen.max())) if seen.size else (0.001, 1.0)
 
 
 def depth_picture(depth: NDArray[np.float32], ends: tuple[float, float]) -> Picture:

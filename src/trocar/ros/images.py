@@ -173,7 +173,7 @@ class Images:
         self._subscribed, self._publish = lambda: sampler.wanted, sampler.put
         sampler.look = self.look
         self._pictures.led = True
-        self._leave = self._pictures.add(self)
+        self._leave = self._pictures.add(self, self._beside)
 
     def stop(self) -> None:
         """Take no more."""
@@ -183,7 +183,7 @@ class Images:
         """Have a picture taken when one is due, in the loop's thread."""
         if not self._pictures.takes(self._beat.due(sample.elapsed)):
             return sample
-        cameras = self._pictures.shoot(self._world, sample.stamp, self._beside())
+        cameras = self._pictures.shoot(self._world, sample.stamp)
         return replace(sample, cameras=cameras) if cameras else sample
 
     def wanted(self) -> frozenset[str]:

@@ -1,4 +1,4 @@
-"""The window of the rig's cameras: one eye, both, or both as an anaglyph."""
+"""The window of the rig's cameras: one eye, both, or both as an anaglyph; depth and ids."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ import numpy as np
 import viser
 
 from trocar.live.images import Packer, Picture, Pictures, Shot
-from trocar.rendering.frames import anaglyph, side_by_side
+from trocar.rendering.frames import anaglyph, picture, side_by_side
 from trocar.viewer.help import hint
+from trocar.viewer.legends import depth_legend, ids_legend
 from trocar.viewer.server import when_pressed, when_touched
 
 RATE_HZ = 30.0
@@ -34,13 +35,17 @@ times a second. Source: our own choice."""
 WIDTH, GAP = 345, 12
 """Width of the window and distance from the edges, in CSS pixels. Source: chosen by eye."""
 
+COLOUR, DEPTH, IDS = "colour", "depth", "ids"
 LEFT, RIGHT, BOTH, ANAGLYPH, OFF = "left", "right", "both", "anaglyph", "off"
 
 #: client.js finds the picture beside the button; Escape ends the full screen.
-FULL_SCREEN = """<div class="trocar" style="display:flex;gap:8px;align-items:center">
-<button data-trocar="full-screen" style="font:inherit;padding:2px 9px;border-radius:4px;
-border:1px solid #1c6fa4;background:none;color:#1c6fa4;cursor:pointer">Full screen</button>
-<span style="opacity:.62" data-trocar="scope">{status}</span></div>"""
+BELOW = """<style>.trocar .below button { font: inherit; padding: 2px 9px;
+  border-radius: 4px; border: 1px solid #1c6fa4; background: none; color: #1c6fa4;
+  cursor: pointer; white-space: nowrap; }</style>
+<div class="trocar"><div class="below" style="display:flex;gap:8px;align-items:center">
+<button data-trocar="full-screen">Full screen</button>
+<button data-trocar-send="cameras/save" title="Save the picture as PNG">Save</button>
+<span style="opacity:.62" data-trocar="scope">{status}</span></div></div>"""
 
 
 class CameraWindow:
@@ -51,9 +56,11 @@ class CameraWindow:
         pictures: draws the cameras
         cameras: {name: number of eyes}, the first one is shown
         width: of the window [CSS px]
+        save: takes the name and the bytes of a picture that a person saves
 
     Attributes:
         image, line: the picture, and the line below it
+        legend: of false colours
         period_s: time between two pictures; longer while the arms fall behind real time
         window: the panel
     """
@@ -64,10 +71,13 @@ class CameraWindow:
         pictures: Pictures,
         cameras: Mapping[str, int],
         width: int = WIDTH,
+        save: Callable[[str, bytes], object] = lambda _, __: None,
     ) -> None:
-        self._pictures, self._cameras = pictures, dict(cameras)
+        self._pictures, self._cameras, self._save = pictures, dict(cameras), save
         self._packer = Packer()
-        self._camera, self._view = next(iter(cameras)), LEFT
+        self._camera, self._view, self._content = next(iter(cameras)), LEFT, COLOUR
+        self._shown: tuple[Shot, str, str] | None = None
+        self._legend = ""
         self._fresh: bytes | None = None
         self._awaited = False
         self._came: deque[float] = deque(maxlen=SPAN)
@@ -83,14 +93,20 @@ class CameraWindow:
             both = max(cameras.values()) > 1
             views = (LEFT, RIGHT, BOTH, ANAGLYPH, OFF) if both else (LEFT, OFF)
             when_pressed(gui.add_button_group("View", views, hint=hint("View")), self.choose_view)
+            contents = (COLOUR, DEPTH, IDS)
+            when_pressed(
+                gui.add_button_group("Content", contents, hint=hint("Content")),
+                self.choose_content,
+            )
             if self._overlaid:
                 when_touched(
                     gui.add_checkbox("Overlays", True, hint=hint("Overlays")), self.choose_overlays
                 )
             self.image = gui.add_image(np.zeros((480, 640, 3), np.uint8), format="jpeg")
-            self.line = gui.add_html(FULL_SCREEN.format(status=""))
+            self.legend = gui.add_html("", visible=False)
+            self.line = gui.add_html(BELOW.replace("{status}", ""))
         self.window.float(x=GAP, y=-GAP, width=width)  # the arms stay in sight
-        self.leave = pictures.add(self)
+        self.leave = pictures.add(self, self.beside)
 
     # ------------------------------------------------------------------ viser's thread
 
@@ -111,7 +127,19 @@ class CameraWindow:
         status = self._pictures.failure or self._figures()
         if status != self._status:
             self._status = status
-            self.line.content = FULL_SCREEN.format(status=escape(status))
+            self.line.content = BELOW.replace("{status}", escape(status))
+        legend = "" if self._content == COLOUR or self._view == OFF else self._legend
+        if legend != self.legend.content:
+            self.legend.content = legend
+            self.legend.visible = bool(legend)
+
+    def press(self, words: str) -> None:
+        """Save the picture that is shown as PNG, on "save"."""
+        shown = self._shown
+        if words == "save" and shown is not None:
+            shot, view, content = shown
+            data = Packer("png").pack(self._picture(shot, view, content))
+            self._save(f"{shot.camera}-{content}.png", data)
 
     def _figures(self) -> str:
         if self._view == OFF:
@@ -136,6 +164,12 @@ class CameraWindow:
         self._view = view
         self._came.clear()
 
+    def choose_content(self, content: str) -> None:
+        """Show colours, depth or ids."""
+        self._content = content
+        self._legend = ""
+        self._came.clear()
+
     def choose_overlays(self, shown: bool) -> None:
         """Show pictures with or without overlays."""
         self._overlaid = shown
@@ -156,15 +190,42 @@ class CameraWindow:
         if shot.camera != self._camera or self._view == OFF or not self._awaited:
             return
         self._awaited = False
-        self._fresh = self._composed(shot, self._view)
+        # Read once: a person may choose something else meanwhile.
+        view, content = self._view, self._content
+        if content != COLOUR and getattr(shot.frame, content) is None:
+            return  # chosen since the request
+        self._shown = shot, view, content
+        self._fresh = self._packed(shot, view, content)
+        if content == DEPTH:
+            self._legend = depth_legend(shot.frame.depth)
+        elif content == IDS:
+            self._legend = ids_legend(shot.frame.ids, shot.frame.names)
         self._came.append(time.perf_counter())
 
-    def _composed(self, shot: Shot, view: str) -> bytes:
+    def beside(self) -> Mapping[str, Collection[str]]:
+        """Return the images that are requested beside colours."""
+        if self._content == COLOUR or not self._awaited:
+            return {}
+        return {self._camera: (self._content,)}
+
+    def _packed(self, shot: Shot, view: str, content: str) -> bytes:
+        """Pack the shown part of a picture as a file, once for all browsers where it can be."""
+        alone = self._cameras[shot.camera] == 1 or view in (LEFT, RIGHT)
+        if content == COLOUR and alone and shot.format == self._packer.format:
+            return shot.packed(self._eye(shot, view), overlaid=self._overlaid)
+        return self._packer.pack(self._picture(shot, view, content))
+
+    def _picture(self, shot: Shot, view: str, content: str) -> Picture:
+        """Compose the shown part of a picture, (h, w, 3) or (h, 2 w, 3)."""
+        if content != COLOUR:
+            eye = BOTH if view == BOTH else self._eye(shot, view)
+            return picture(shot.frame, eye, content)
         if self._cameras[shot.camera] == 1 or view in (LEFT, RIGHT):
-            eye = RIGHT if view == RIGHT and self._cameras[shot.camera] > 1 else LEFT
-            if shot.format == self._packer.format:
-                return shot.packed(eye, overlaid=self._overlaid)
-            return self._packer.pack(shot.eye(eye, overlaid=self._overlaid))
-        compose: Callable[[Picture, Picture], Picture] = side_by_side if view == BOTH else anaglyph
+            return shot.eye(self._eye(shot, view), overlaid=self._overlaid)
+        compose = side_by_side if view == BOTH else anaglyph
         left, right = (shot.eye(eye, overlaid=self._overlaid) for eye in (LEFT, RIGHT))
-        return self._packer.pack(compose(left, right))
+        return compose(left, right)
+
+    def _eye(self, shot: Shot, view: str) -> str:
+        """Return the eye that is shown where one is."""
+        return RIGHT if view == RIGHT and self._cameras[shot.camera] > 1 else LEFT

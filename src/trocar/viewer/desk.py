@@ -16,6 +16,7 @@ from trocar.live.images import Pictures
 from trocar.live.loop import Loop
 from trocar.live.player import Player
 from trocar.live.state import LoopState
+from trocar.viewer.cameras import WIDTH as CAMERAS_WIDTH
 from trocar.viewer.cameras import CameraWindow
 from trocar.viewer.channel import BrowserReport, Channel
 from trocar.viewer.drawing import Drawing
@@ -41,6 +42,9 @@ breakpoint."""
 
 PANEL_WIDTH, NARROW_WIDTH = 370, 330
 """Width of each panel in CSS pixels, and in a window that is not wide. Source: chosen by eye."""
+
+NARROW_CAMERAS = 300
+"""Width of the window of cameras in a window that is not wide [CSS px]. Source: chosen by eye."""
 
 SILENT_S = 1.0
 """Time after which a browser that reports nothing gets the page of a wide one [s]: a program of
@@ -143,6 +147,7 @@ class Desk:
         drawing: how richly the scene is drawn
         seen: whether the scene is on its screen
         folders: further parts of the panel of commands
+        pressers: {first word that an element with `data-trocar-send` sends: takes the rest}
     """
 
     def __init__(
@@ -162,6 +167,7 @@ class Desk:
         self.tables: StatusTables | None = None
         self.cameras: CameraWindow | None = None
         self.folders: list[Folder] = []
+        self.pressers: dict[str, Callable[[str], object]] = {}
         self._plots: JointPlots | None = None
         self._scoreboard: Scoreboard | None = None
         self._seat: Buttons | None = None
@@ -197,8 +203,9 @@ class Desk:
         elif all_.driving is not None and all_.driving.tables:
             self._window(panel_width, docked=False)
         if all_.pictures is not None:
-            narrow = {} if wide else {"width": 300}
-            self.cameras = CameraWindow(gui, all_.pictures, all_.eyes, **narrow)
+            width = CAMERAS_WIDTH if wide else NARROW_CAMERAS
+            self.cameras = CameraWindow(gui, all_.pictures, all_.eyes, width, self._save)
+            self.pressers["cameras"] = self.cameras.press
             self._panels.append(self.cameras.window)
             if phone:
                 self.cameras.window.expand()
@@ -282,6 +289,7 @@ class Desk:
         for folder in self.folders:
             folder.close()
         self.folders.clear()
+        self.pressers.clear()
 
     # ------------------------------------------------------------------ refreshing
 
@@ -429,6 +437,11 @@ class Desk:
             chips.append(", ".join(filter(None, (f"drawn {how}" if how else "", rate))))
         return "".join(f"<span>{chip}</span>" for chip in chips)
 
+    def _save(self, name: str, data: bytes) -> None:
+        """Have the browser save a file."""
+        if isinstance(self.browser, viser.ClientHandle):
+            self.browser.send_file_download(name, data)
+
     # ------------------------------------------------------------------ from the browser
 
     def _report(self, report: BrowserReport) -> None:
@@ -446,6 +459,8 @@ class Desk:
             show_help(self.browser.gui, {} if all_.driving is None else all_.driving.tables)
         elif kind == "load" and all_.gallery and not all_.seats.blocked(self._who):
             all_.gallery.choose(rest)
+        elif kind in self.pressers:
+            self.pressers[kind](rest)
 
     def _press_seat(self, name: str) -> None:
         seats = self._contents.seats

@@ -33,6 +33,10 @@ HINTS: Mapping[str, str] = {
     "Contact forces": "Arrows at every contact, 10 mm a newton, with the largest in newtons [N]."
     " docs/viewer.md, See",
     "Tip paths": "The ways of the tips in the last 10 s. docs/viewer.md, See",
+    "Workspace": "All that the tip of the chosen arm reaches in some orientation within the limits"
+    " of its joints, and its volume [l]. docs/viewer.md, See",
+    "Pick": "The next click in the scene marks a link: its name and the axes of its frame, x red,"
+    " y green, z blue, 120 mm long. docs/viewer.md, Outline",
     "Plot": "A quantity of a joint over the last minute [deg, mm, their rates, N m, N].",
     "Last minute": "Save the chosen quantities, or all, as CSV in SI, 10 samples a second.",
     "All arms to": "Named poses of the rig, in joint space; setup joints stay. docs/simulation.md",
@@ -60,6 +64,8 @@ HINTS: Mapping[str, str] = {
     "Camera": "A camera of the rig. docs/endoscope.md",
     "View": "One eye, both side by side, or an anaglyph for red (left) and cyan glasses."
     " docs/endoscope.md",
+    "Content": "Colours; depth along the view [mm]; or ids: each object its colour. Overlays and"
+    " the anaglyph are of colours. docs/viewer.md, Cameras",
     "Overlays": "What the scene draws into the image. docs/vision.md",
     "Last 10 s of": "Joint of the plots [deg or mm], over simulated time [s].",
     "Load": "Another rig or scene in place of this one, with pictures. docs/scenes.md",

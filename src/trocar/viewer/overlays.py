@@ -1,4 +1,4 @@
-"""Contact forces as arrows, and the paths of tips, over the scene of one browser."""
+"""Contact forces as arrows, paths of tips, and a workspace, over the scene of one browser."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from trocar.live.state import LoopState
 from trocar.viewer.help import hint
 from trocar.viewer.scene import tips_of
 from trocar.viewer.server import when_touched
+from trocar.viewer.workspace import WorkspaceSurface
 
 if TYPE_CHECKING:
     from trocar.live.loop import Loop
@@ -38,11 +39,14 @@ PATH_S, PATH_STEP_M = 10.0, 2e-4
 
 
 class Overlays:
-    """Arrows and paths over the scene, and their folder, in the container that is open.
+    """Arrows, paths and a workspace over the scene, and their folder, in the open container.
 
     Args:
         desk: of the browser
         loop: of the world
+
+    Attributes:
+        workspace: of the chosen arm
     """
 
     def __init__(self, desk: Desk, loop: Loop) -> None:
@@ -56,6 +60,7 @@ class Overlays:
         with gui.add_folder("See", expand_by_default=False):
             self._forces = gui.add_checkbox("Contact forces", False, hint=hint("Contact forces"))
             self._trails = gui.add_checkbox("Tip paths", False, hint=hint("Tip paths"))
+            self.workspace = WorkspaceSurface(desk, loop)
         for box in (self._forces, self._trails):
             when_touched(box, lambda _: self._clear())
 
@@ -67,6 +72,7 @@ class Overlays:
 
     def show(self, state: LoopState) -> None:  # noqa: ARG002  as of a folder
         """Draw what is chosen."""
+        self.workspace.show()
         if not (self._forces.value or self._trails.value):
             return
         if self._answer is None:
@@ -83,6 +89,7 @@ class Overlays:
     def close(self) -> None:
         """Take everything off the scene."""
         self._clear()
+        self.workspace.close()
 
     def _clear(self) -> None:
         for node in (self._arrows, *self._labels, *self._lines.values()):

@@ -32,6 +32,7 @@ from trocar.viewer.handles import TipHandles, free_objects
 from trocar.viewer.look_back import LookBack
 from trocar.viewer.measurements import History
 from trocar.viewer.notices import Notices
+from trocar.viewer.outline import Outline
 from trocar.viewer.overlays import Overlays
 from trocar.viewer.own_things import BESIDE_M, OwnThings
 from trocar.viewer.panel import read_arm
@@ -338,6 +339,7 @@ def serve(
             *((partial(PlaybackFolder, player=player),) if player is not None else ()),
             *((hands,) if handled or things else ()),
             partial(Overlays, loop=loop),
+            partial(Outline, loop=loop),
             partial(QuantityPlots, arms=described, last=last),
             *((_own_things(world, gallery),) if gallery is not None else ()),
         )

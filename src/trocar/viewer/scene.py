@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from itertools import groupby
@@ -160,6 +161,27 @@ def glb(parts: Sequence[trimesh.Trimesh]) -> bytes:
     return export_glb(trimesh.Scene(parts), include_normals=True)
 
 
+def body_names(shapes: Sequence[ShapeRecord]) -> dict[int, str]:
+    """Return {body: its name in MuJoCo}, as "PSM1/wrist_yaw" and "table"; rods have numbers."""
+    names = {
+        shape.body: f"{shape.arm}/{shape.frame}" if shape.arm else shape.name.rpartition("/")[0]
+        for shape in shapes
+    }
+    counts = Counter(names.values())
+    whole = {shape.body: shape.name for shape in shapes}
+    return {body: whole[body] if counts[name] > 1 else name for body, name in names.items()}
+
+
+def node_of(name: str) -> str:
+    """Return the scene's node of a body."""
+    return f"/world/{name}"
+
+
+def drawing_node(name: str) -> str:
+    """Return the scene's node of a drawing."""
+    return f"/world/drawings/{name}"
+
+
 class Bodies:
     """One node per body; only those that moved are sent.
 
@@ -170,6 +192,7 @@ class Bodies:
     def __init__(self, scene: viser.SceneApi, shapes: Iterable[ShapeRecord]) -> None:
         self._scene = scene
         self.glbs: dict[int, bytes] = {}
+        self._names: dict[int, str] = {}
         self._nodes: dict[int, viser.GlbHandle] = {}
         self.renew(shapes)
 
@@ -180,12 +203,15 @@ class Bodies:
             body: glb(parts_of(tuple(group)))
             for body, group in groupby(by_body, key=lambda shape: shape.body)
         }
-        for body in [b for b, glb in self.glbs.items() if glbs.get(b) != glb]:
+        names = body_names(by_body)
+        for body in [
+            b for b, g in self.glbs.items() if (glbs.get(b), names.get(b)) != (g, self._names[b])
+        ]:
             self._nodes.pop(body).remove()
         fresh = [body for body in glbs if body not in self._nodes]
         for body in fresh:
-            self._nodes[body] = self._scene.add_glb(f"/cart/body_{body}", glbs[body])
-        self.glbs = glbs
+            self._nodes[body] = self._scene.add_glb(node_of(names[body]), glbs[body])
+        self.glbs, self._names = glbs, names
         self._index = np.array(list(self._nodes), dtype=int)
         self._sent = np.full((len(self._index), 7), np.inf)
         return len(fresh)
@@ -228,7 +254,7 @@ class Drawings:
             points, faces = found.points.astype(np.float32), found.faces.astype(np.uint32)
             if node is None or not np.array_equal(node.faces, faces):
                 self.nodes[drawing.name] = self._scene.add_mesh_simple(
-                    f"/cart/drawing_{drawing.name}", points, faces, color=drawing.rgba[:3]
+                    drawing_node(drawing.name), points, faces, color=drawing.rgba[:3]
                 )
             elif np.abs(node.vertices - points).max() > STILL:
                 node.vertices = points

@@ -72,7 +72,7 @@ def test_the_same_script_makes_the_same_motion_over_ros_1_and_without(
     need("rosmaster")
     python, prelude = python_with_rospy() or ("", "")
     script, live, fast = str(CLIENTS / "minute.py"), tmp_path / "live.json", tmp_path / "fast.json"
-    simulator = Simulator(master.env, "--rig", "psm")
+    simulator = Simulator(master.env, "--rig", "psm", "--pose", "start")  # where scripts start
     try:
         env = {**master.env, "PYTHONPATH": f"{ROOT / 'src'}:{master.env['PYTHONPATH']}"}
         runner = str(CLIENTS / "over_ros1.py")

@@ -7,6 +7,7 @@ import pytest
 
 from trocar.geometry.se3 import pose_difference, transform, translation
 from trocar.live import Loop
+from trocar.live.state import Elapsed
 from trocar.live.tip_goals import (
     AHEAD_S,
     COAST,
@@ -18,7 +19,6 @@ from trocar.live.tip_goals import (
     TipGoals,
     step_towards,
 )
-from trocar.live.state import Elapsed
 from trocar.simulation import World
 
 

@@ -135,9 +135,9 @@ def chromium(profile: str) -> Any:
 
 def move_psms(loop: Loop, over: threading.Event) -> None:
     """Swing the PSMs, which start slowly."""
-    arms, began = loop.latest.arms, time.monotonic()
+    arms, began_s = loop.latest.arms, loop.latest.time
     while not over.wait(0.02):
-        t = time.monotonic() - began
+        t = loop.latest.time - began_s  # a loop that skips time must not make an arm jump
         for name in ("PSM1", "PSM2"):
             q = [float(value) for value in arms[name].setpoint[:6]]
             for k, (amplitude, speed) in enumerate(SWING):

@@ -303,11 +303,32 @@ def _hand(*, by_handle: bool, live: bool = False) -> Hand:
     return hand
 
 
+def _passed_on_stopping() -> float:
+    """Return how far the tip passes the goal of a mouse that stops at once [m]."""
+    loop = Loop(World("psm"), speed="max", tick_s=SAMPLE_S)
+    goals = TipGoals(loop)
+    loop.watch(goals)
+    tip = loop.world.arm("PSM1")
+    start, speed = tip.setpoint_cp("world").matrix, 2.0 * np.pi * RADIUS_M / TURN_S
+    last = 0.0
+    for k in range(round(EASE_S * MOUSE_HZ)):
+        last = speed * k / MOUSE_HZ
+        goals.set("PSM1", translation([last, 0.0, 0.0]) @ start)
+        loop.run(round((k + 1) / MOUSE_HZ - loop.latest.time, 3))
+    farthest = 0.0
+    for _ in range(round(EASE_S / SAMPLE_S)):
+        loop.run(SAMPLE_S)
+        farthest = max(farthest, tip.measured_cp("world").matrix[0, 3] - start[0, 3])
+    return float(farthest) - last
+
+
 def _dragged() -> Iterator[Figure]:
     handle, stream = _hand(by_handle=True), _hand(by_handle=False)
     yield Figure("tip under the handle at 24 mm/s: lag, median", float(np.median(handle.lags)), "m",
                  LAG_M, shown="mm")  # fmt: skip
     yield Figure("the same of a 200 Hz stream", float(np.median(stream.lags)), "m", shown="mm")
+    passed = _passed_on_stopping()
+    yield Figure("passed when the mouse stops at once from 24 mm/s", passed, "m", shown="mm")
     ratio = handle.roughness() / stream.roughness()
     yield Figure("acceleration RMS against a 200 Hz stream", ratio, "", ROUGH)
     late = np.array(_hand(by_handle=True, live=True).late)

@@ -7,7 +7,11 @@ import pytest
 
 from trocar.geometry.se3 import pose_difference, transform, translation
 from trocar.live import Loop
+from trocar.live.state import Elapsed
 from trocar.live.tip_goals import (
+    AHEAD_S,
+    COAST,
+    GAP_S,
     LEAD_M,
     PERIOD_S,
     SPEED_M_S,
@@ -58,6 +62,67 @@ def test_a_tip_goes_to_its_goal_no_faster_than_a_hand() -> None:
     metres, radians = pose_difference(way[-1], goal)
     assert metres < 1e-6 and radians < 1e-6
     assert goals.missed == {}
+
+
+class Mouse:
+    """Moves the goal along x at a speed, 30 times a second, until it stops; watches the way."""
+
+    def __init__(self, loop: Loop, goals: TipGoals, speed: float, stops_s: float) -> None:
+        self.arm, self.goals = loop.world.arm("PSM1"), goals
+        self.start, self.speed, self.stops_s = self.arm.setpoint_cp("world").matrix, speed, stops_s
+        self.next_s = 0.0
+        self.times: list[float] = []
+        self.way: list[float] = []
+
+    def ticked(self, elapsed: Elapsed) -> None:
+        now = elapsed.simulated_s
+        if self.next_s - 1e-9 <= now <= self.stops_s:
+            self.next_s += 1 / 30
+            self.goals.set("PSM1", translation([self.speed * now, 0.0, 0.0]) @ self.start)
+        self.times.append(now)
+        self.way.append(self.arm.setpoint_cp("world").matrix[0, 3] - self.start[0, 3])
+
+    def patience(self) -> int:
+        return 1
+
+    def refused(self, command: object, reason: str) -> None:  # noqa: ARG002
+        raise AssertionError(reason)
+
+
+def test_set_points_keep_up_with_a_goal_that_moves_evenly() -> None:
+    _, loop, goals = made()
+    mouse = Mouse(loop, goals, 0.024, 2.0)
+    loop.watch(mouse)
+    loop.run(2.0)
+    times, way = np.array(mouse.times), np.array(mouse.way)
+    ahead = way - 0.024 * times
+    late = times > 1.0
+    # Goals come 33 ms apart; the set-point of a tick was computed a tick before.
+    assert np.abs(ahead[late] - 0.024 * AHEAD_S).max() < 0.024 * PERIOD_S
+    # The way has no corners: a step changes by less than a tenth from tick to tick.
+    assert np.abs(np.diff(way[late], 2)).max() < 0.1 * 0.024 * PERIOD_S
+
+
+def test_a_goal_that_stops_at_once_is_passed_by_no_more_than_it_coasts_and_then_kept() -> None:
+    _, loop, goals = made()
+    mouse = Mouse(loop, goals, 0.06, 0.4)
+    loop.watch(mouse)
+    loop.run(1.2)
+    last = 0.06 * np.floor(0.4 * 30) / 30
+    passed = max(mouse.way) - last
+    assert 0.0 <= passed < 0.06 * (AHEAD_S + COAST / 30 + PERIOD_S)
+    assert mouse.way[-1] == pytest.approx(last, abs=0.06 * PERIOD_S)
+    assert goals.patience() > 1  # the way is over
+
+
+def test_goals_far_apart_in_time_are_no_motion_and_are_not_passed() -> None:
+    world, loop, goals = made()
+    arm = world.arm("PSM1")
+    start = arm.setpoint_cp("world").matrix
+    for x in (0.004, 0.008):
+        goals.set("PSM1", translation([x, 0.0, 0.0]) @ start)
+        way = set_points(loop, GAP_S + 0.05)
+        assert way[:, 0, 3].max() - start[0, 3] < x + 1e-6
 
 
 def test_a_goal_that_is_reached_leaves_the_arm_to_others() -> None:

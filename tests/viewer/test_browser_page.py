@@ -27,6 +27,13 @@ BANNER = "return document.querySelector('[data-trocar=banner]').innerText"
 BAR = "return document.querySelector('[data-trocar=bar]').innerText"
 COVERED = "return document.querySelector('#trocar-cover').className !== 'gone'"
 SEEN = "return getComputedStyle(document.querySelector(arguments[0])).visibility"
+#: Meshes of bodies that are drawn one by one, and those that draw all of them.
+CALLS = """let own = 0, joint = 0;
+__viserMutable.scene.traverse((node) => {
+  if (node.material?.isMeshStandardMaterial && node.geometry.index && node.layers.mask === 1) own++;
+  if (node.material?.uniforms?.poses) joint++;
+});
+return [own, joint, __viserTestpoints.rendererInfo.render.triangles > 5000]"""
 PRESS = "dispatchEvent(new KeyboardEvent('keydown', {key: '?'}))"
 
 
@@ -104,6 +111,20 @@ def test_a_browser_that_draws_in_software_starts_plainly_and_has_no_notice(
         text = "return document.body.innerText.includes('Software WebGL')"
         assert not browser.tab.execute_script(text)
         assert browser.tab.execute_script("return __viserMutable.scene.environment") is None
+
+
+def test_the_plain_level_draws_bodies_together_and_others_one_by_one(browser: Browser) -> None:
+    with closing(Served(World("psm"))) as served:
+        browser.open(served.url)
+        browser.wait(says(browser, BAR, "drawn plainly"), "the level")
+
+        def drawn() -> list[int]:
+            return browser.tab.execute_script(CALLS)
+
+        browser.wait(lambda: drawn()[1:] == [1, True], "the bodies together")
+        assert drawn()[0] < 10  # the marks
+        browser.choose("Drawing", "no shadows")
+        browser.wait(lambda: drawn()[0] > 20 and drawn()[1] == 0, "the bodies one by one")
 
 
 def test_a_scene_waits_for_the_browser_and_the_policy_hands_over(

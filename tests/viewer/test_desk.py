@@ -99,6 +99,7 @@ def test_a_level_chosen_by_hand_stays(server: LocalServer) -> None:
         drawing.follow(report(2.0, software=True))
     assert drawing.level.name == "plain"
     assert [level.name for level in LEVELS] == ["full", "no shadows", "plain"]
+    assert [level.joined for level in LEVELS] == [False, False, True]
 
 
 # ---------------------------------------------------------------------- who drives

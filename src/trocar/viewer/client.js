@@ -48,11 +48,12 @@
   // ------------------------------------------------------------------ drawing without a graphics card
   const software = /swiftshader|llvmpipe|softpipe|software/i.test(renderer());
   if (software) {
-    // Four samples a pixel take longer than the rest of a picture.
+    // Four samples a pixel take longer than the rest of a picture; a kept picture is a copy of it.
     const context = HTMLCanvasElement.prototype.getContext;
+    const light = { antialias: false, preserveDrawingBuffer: false };
     HTMLCanvasElement.prototype.getContext = function (kind, options) {
-      const plain = String(kind).startsWith("webgl") ? { ...options, antialias: false } : options;
-      return context.call(this, kind, plain);
+      const given = String(kind).startsWith("webgl") ? { ...options, ...light } : options;
+      return context.call(this, kind, given);
     };
     // viser lays a notice over the arms; the line above the scene has it in two words.
     const parameter = WebGL2RenderingContext.prototype.getParameter;
@@ -66,6 +67,135 @@
     const found = info ? gl.getParameter(info.UNMASKED_RENDERER_WEBGL) : "";
     gl?.getExtension("WEBGL_lose_context")?.loseContext();
     return String(found);
+  }
+
+  // ------------------------------------------------------------------ the plain level's bodies
+  // Two calls draw all bodies, lit at their vertices, in place of one call for each material of
+  // each body: a call costs a processor without a graphics card as much as a thousand pixels.
+  const BODIES = 48;             // of one call; their poses fit the uniforms of any WebGL 2
+  const HIDDEN_LAYER = 31;
+  const VERTEX = `
+    uniform mat4 poses[${BODIES}];
+    uniform vec3 key, keyLight, skyLight;
+    attribute vec4 tint;         // linear colour, body
+    attribute vec2 finish;       // metalness, roughness
+    varying vec3 light;
+    void main() {
+      mat4 pose = poses[int(tint.w + 0.5)];
+      vec4 at = pose * vec4(position, 1.0);
+      vec3 out_ = normalize(mat3(pose) * normal);
+      float facing = max(dot(out_, key), 0.0);
+      float wide = pow(max(finish.y, 0.3), 4.0), sharp = 2.0 / wide - 2.0;
+      vec3 middle = normalize(key + normalize(cameraPosition - at.xyz));
+      float glint = facing * (sharp + 2.0) / 8.0 * pow(max(dot(out_, middle), 0.0), sharp);
+      vec3 matt = tint.rgb * (1.0 - 0.5 * finish.x) * (facing * keyLight + skyLight);
+      light = (matt + mix(vec3(0.04), tint.rgb, finish.x) * glint * keyLight) / 3.14159;
+      gl_Position = projectionMatrix * viewMatrix * at;
+    }`;
+  const FRAGMENT = `
+    varying vec3 light;
+    void main() {
+      gl_FragColor = vec4(light, 1.0);
+      #include <tonemapping_fragment>
+      #include <colorspace_fragment>
+    }`;
+  let plain = software, batched = [], batches = [];
+
+  // The standard materials of an own level compile for seconds: none is drawn before its batch.
+  const prepared = setInterval(() => {
+    const { scene, canvas2d } = window.__viserMutable ?? {};
+    if (!scene) return;
+    if (canvas2d) canvas2d.style.display = "none";  // viser's rectangle of a selection, unused here
+    scene.onBeforeRender = () => batch(scene);
+    clearInterval(prepared);
+  }, 20);
+
+  function batch(scene) {
+    const bodies = plain ? bodiesOf(window.__viserMutable.nodeRefFromName) : [];
+    const meshes = bodies.flat();
+    if (meshes.length !== batched.length || meshes.some((mesh, k) => mesh !== batched[k])) {
+      for (const mesh of batched) mesh.layers.set(0);
+      for (const mesh of batches) {
+        scene.remove(mesh);
+        mesh.geometry.dispose();
+      }
+      for (const mesh of meshes) mesh.layers.set(HIDDEN_LAYER);
+      batches = [];
+      for (let k = 0; k < bodies.length; k += BODIES) {
+        batches.push(joined(bodies.slice(k, k + BODIES)));
+      }
+      if (batches.length > 0) scene.add(...batches);
+      batched = meshes;
+    }
+    batches.forEach((mesh, k) => follow(mesh, bodies.slice(BODIES * k, BODIES * (k + 1))));
+  }
+
+  // The opaque meshes of each body without textures.
+  function bodiesOf(nodes) {
+    const bodies = [];
+    for (const name in nodes) {
+      if (!name.startsWith("/cart/body_") || !nodes[name]?.visible) continue;
+      const meshes = [];
+      nodes[name].traverse((node) => {
+        const { material } = node;
+        if (material?.isMeshStandardMaterial && !material.transparent && !material.map
+            && node.geometry.index) {
+          meshes.push(node);
+        }
+      });
+      if (meshes.length > 0) bodies.push(meshes);
+    }
+    return bodies;
+  }
+
+  function joined(bodies) {
+    const all = bodies.flat(), [{ geometry, constructor: Mesh }] = all;
+    const { constructor: Geometry, attributes: { position: { constructor: Attribute } } } = geometry;
+    const { constructor: Material } = window.__viserMutable.backgroundMaterial;
+    const sum = (count) => all.reduce((before, mesh) => before + count(mesh.geometry), 0);
+    const vertices = sum((each) => each.attributes.position.count);
+    const joint = { position: 3, normal: 3, tint: 4, finish: 2 };
+    for (const name in joint) {
+      joint[name] = new Attribute(new Float32Array(joint[name] * vertices), joint[name]);
+    }
+    const indices = new Uint32Array(sum((each) => each.index.count));
+    let at = 0, end = 0;
+    bodies.forEach((meshes, body) => {
+      for (const { geometry: { attributes, index }, material } of meshes) {
+        const { color: { r, g, b }, metalness, roughness } = material;
+        joint.position.array.set(attributes.position.array, 3 * at);
+        joint.normal.array.set(attributes.normal.array, 3 * at);
+        for (const vertex of index.array) indices[end++] = vertex + at;
+        for (let left = attributes.position.count; left > 0; left--, at++) {
+          joint.tint.setXYZW(at, r, g, b, body);
+          joint.finish.setXY(at, metalness, roughness);
+        }
+      }
+    });
+    const own = new Geometry();
+    for (const name in joint) own.setAttribute(name, joint[name]);
+    own.setIndex(new Attribute(indices, 1));
+    const values = { poses: new Float32Array(16 * BODIES), key: [0, 1, 0], keyLight: [0, 0, 0],
+                     skyLight: [0, 0, 0] };
+    const uniforms = Object.fromEntries(Object.entries(values).map(([k, value]) => [k, { value }]));
+    const material = new Material({ uniforms, vertexShader: VERTEX, fragmentShader: FRAGMENT });
+    const mesh = new Mesh(own, material);
+    mesh.frustumCulled = mesh.matrixAutoUpdate = false;
+    mesh.raycast = () => {};
+    return mesh;
+  }
+
+  // Scene graph's matrices of this frame, and the lights of the level.
+  function follow({ material: { uniforms } }, bodies) {
+    bodies.forEach(([mesh], k) => mesh.matrixWorld.toArray(uniforms.poses.value, 16 * k));
+    const nodes = window.__viserMutable.nodeRefFromName;
+    const key = nodes["/light/key"]?.children[0], sky = nodes["/light/sky"];
+    if (!key || !sky) return;
+    const [x, y, z] = key.matrixWorld.elements.slice(12), far = Math.hypot(x, y, z);
+    uniforms.key.value = [x / far, y / far, z / far];
+    uniforms.keyLight.value = ["r", "g", "b"].map((c) => key.color[c] * key.intensity);
+    uniforms.skyLight.value = ["r", "g", "b"].map(
+      (c) => (sky.color[c] + sky.groundColor[c]) / 2 * sky.intensity);
   }
 
   // ------------------------------------------------------------------ the connection
@@ -116,6 +246,7 @@
     if (facts.bar !== undefined) line.innerHTML = facts.bar;  // escaped by the simulator
     parting = facts.banner ?? "";
     scale = facts.scale ?? 1;
+    plain = facts.plain ?? plain;
     applyScale();
   }
 

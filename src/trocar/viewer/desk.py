@@ -383,6 +383,7 @@ class Desk:
                 "bar": self._bar(state),
                 "banner": banner,
                 "scale": self.drawing.level.scale,
+                "plain": self.drawing.level.joined if self.drawing.index >= 0 else None,
                 "beat": int(time.monotonic()),
             }
         )

@@ -30,6 +30,7 @@ class DrawingLevel:
         shadows, reflections: whether there are any
         scale: pixels drawn over pixels of the screen, along each edge
         key, fill, sky: intensity of the lights
+        joined: whether client.js draws all bodies in one go, lit at their vertices
     """
 
     name: str
@@ -39,12 +40,13 @@ class DrawingLevel:
     key: float
     fill: float
     sky: float
+    joined: bool = False
 
 
 LEVELS = (
     DrawingLevel("full", True, True, 1.0, 2.3, 0.5, 0.3),
     DrawingLevel("no shadows", False, True, 1.0, 2.3, 0.5, 0.3),
-    DrawingLevel("plain", False, False, 0.7, 2.4, 0.0, 1.5),
+    DrawingLevel("plain", False, False, 0.7, 2.4, 0.0, 1.5, joined=True),
 )
 """From rich to light. Source: intensities chosen by eye, so that levels look alike."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -106,13 +107,15 @@ class Person:
         """Choose from a list."""
         found = f"//*[@role='option'][normalize-space()='{option}']"
 
-        def opened() -> bool:
-            return any(each.is_displayed() for each in self.all(found))
+        def act() -> None:
+            """Open the list, which closes where the page makes it anew, and click."""
+            if not (shown := [each for each in self.all(found) if each.is_displayed()]):
+                self.one(f"{self._row(label)}//input[not(@type='hidden')]").click()
+                time.sleep(0.2)
+                raise ElementNotInteractableException(option)
+            shown[0].click()
 
-        if not opened():
-            self.click(f"{self._row(label)}//input[not(@type='hidden')]")
-        self.browser.wait(opened, f"the option {option} of {label}", PATIENCE_S)
-        self.click(found, displayed=True)
+        self._try(act, f"the option {option} of {label}")
 
     def tick(self, label: str) -> None:
         """Press a check box."""
@@ -192,11 +195,11 @@ class Person:
 
     # ------------------------------------------------------------------ elements
 
-    def click(self, xpath: str, *, displayed: bool = False) -> None:
+    def click(self, xpath: str) -> None:
         """Click as a mouse does, once the element is there, free and not grey."""
 
         def act() -> None:
-            found = [each for each in self.all(xpath) if not displayed or each.is_displayed()]
+            found = self.all(xpath)
             if not found or not found[0].is_enabled():
                 raise ElementNotInteractableException(xpath)
             found[0].click()

@@ -123,9 +123,11 @@ class Person:
 
     def slide(self, label: str, share: float) -> tuple[float, float]:
         """Drag a slider to a share of its way; return that value, and how exact a mouse is."""
-        low, high = self._thumb(label, "min"), self._thumb(label, "max")
-        goal, exact = low + share * (high - low), 0.04 * (high - low)
         track = f"{self._row(label)}//*[contains(@class, 'Slider-trackContainer')]"
+
+        def reached() -> tuple[float, float]:
+            low, high = self._thumb(label, "min"), self._thumb(label, "max")  # of a timeline: now
+            return low + share * (high - low), 0.04 * (high - low)
 
         def drag() -> None:
             thumb, way = self.one(f"{self._row(label)}//*[@role='slider']"), self.one(track)
@@ -133,11 +135,12 @@ class Person:
             aside = round((share - 0.5) * way.rect["width"])
             hand = self.mouse.move_to_element(thumb).click_and_hold().pause(0.05)
             hand.move_to_element_with_offset(way, aside, 0).pause(0.05).release().perform()
+            goal, exact = reached()
             if abs(self._thumb(label, "now") - goal) > exact:  # a busy page missed a part of it
                 raise ElementNotInteractableException(label)
 
         self._try(drag, f"the slider {label}")
-        return goal, exact
+        return reached()
 
     def _thumb(self, label: str, what: str) -> float:
         thumb = self.one(f"{self._row(label)}//*[@role='slider']")

@@ -321,7 +321,7 @@ def gains(at: Walk, joint: str) -> float:
 
 
 def the_last_minute(at: Walk) -> None:
-    at.see("/scene/time", lambda it: it["data"] > 1.5)
+    at.see("/scene/time", lambda it: it["data"] > 3.0)
     at.person.slide("Look back s", 0.2)
     at.used.add("Look back s")
     at.see("/scene/paused", lambda it: it["data"])

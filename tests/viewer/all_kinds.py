@@ -128,7 +128,7 @@ def sway(task: Task) -> Iterator[np.ndarray]:
     """Move to and fro, for ever."""
     for k in range(10**6):
         action = np.array(task.stay())
-        action[0] = 0.4 if (k // 50) % 2 else -0.4
+        action[0] = 0.1 if (k // 25) % 2 else -0.1
         yield action
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -106,13 +107,15 @@ class Person:
         """Choose from a list."""
         found = f"//*[@role='option'][normalize-space()='{option}']"
 
-        def opened() -> bool:
-            return any(each.is_displayed() for each in self.all(found))
+        def act() -> None:
+            """Open the list, which closes where the page makes it anew, and click."""
+            if not (shown := [each for each in self.all(found) if each.is_displayed()]):
+                self.one(f"{self._row(label)}//input[not(@type='hidden')]").click()
+                time.sleep(0.2)
+                raise ElementNotInteractableException(option)
+            shown[0].click()
 
-        if not opened():
-            self.click(f"{self._row(label)}//input[not(@type='hidden')]")
-        self.browser.wait(opened, f"the option {option} of {label}", PATIENCE_S)
-        self.click(found, displayed=True)
+        self._try(act, f"the option {option} of {label}")
 
     def tick(self, label: str) -> None:
         """Press a check box."""
@@ -120,9 +123,11 @@ class Person:
 
     def slide(self, label: str, share: float) -> tuple[float, float]:
         """Drag a slider to a share of its way; return that value, and how exact a mouse is."""
-        low, high = self._thumb(label, "min"), self._thumb(label, "max")
-        goal, exact = low + share * (high - low), 0.04 * (high - low)
         track = f"{self._row(label)}//*[contains(@class, 'Slider-trackContainer')]"
+
+        def reached() -> tuple[float, float]:
+            low, high = self._thumb(label, "min"), self._thumb(label, "max")  # of a timeline: now
+            return low + share * (high - low), 0.04 * (high - low)
 
         def drag() -> None:
             thumb, way = self.one(f"{self._row(label)}//*[@role='slider']"), self.one(track)
@@ -130,11 +135,12 @@ class Person:
             aside = round((share - 0.5) * way.rect["width"])
             hand = self.mouse.move_to_element(thumb).click_and_hold().pause(0.05)
             hand.move_to_element_with_offset(way, aside, 0).pause(0.05).release().perform()
+            goal, exact = reached()
             if abs(self._thumb(label, "now") - goal) > exact:  # a busy page missed a part of it
                 raise ElementNotInteractableException(label)
 
         self._try(drag, f"the slider {label}")
-        return goal, exact
+        return reached()
 
     def _thumb(self, label: str, what: str) -> float:
         thumb = self.one(f"{self._row(label)}//*[@role='slider']")
@@ -192,11 +198,11 @@ class Person:
 
     # ------------------------------------------------------------------ elements
 
-    def click(self, xpath: str, *, displayed: bool = False) -> None:
+    def click(self, xpath: str) -> None:
         """Click as a mouse does, once the element is there, free and not grey."""
 
         def act() -> None:
-            found = [each for each in self.all(xpath) if not displayed or each.is_displayed()]
+            found = self.all(xpath)
             if not found or not found[0].is_enabled():
                 raise ElementNotInteractableException(xpath)
             found[0].click()

@@ -146,7 +146,9 @@ class Walk:
 @contextmanager
 def walk(width: int, tmp_path: Path) -> Iterator[Walk]:
     """Open the page in a fresh browser of a size."""
-    screen = {"width": width, "height": 600, "deviceScaleFactor": 0.5, "mobile": width < 500}
+    phone = width < 500
+    screen = {"width": width, "height": 844 if phone else 600, "mobile": phone}
+    screen["deviceScaleFactor"] = 0.5  # fewer pixels to draw, and as many to point at
     downloads = {"behavior": "allow", "downloadPath": str(tmp_path)}
     with (
         all_kinds(tmp_path) as served,
@@ -229,8 +231,7 @@ def sliders(at: Walk) -> None:
         "MTMR": "MTMR",
         "SUJ_PSM1": "SUJ/PSM1",
     }.items():
-        at.pick("Arm", arm)
-        at.until(lambda arm=arm: bool(at.person.all(f"//*[starts-with(., '{arm} joints')]")), arm)
+        choose(at, arm)
         at.look()
         joints = at.served.world(lambda world, arm=arm: world.arm(arm).joints.names)
         if arm == "SUJ_PSM1":
@@ -253,7 +254,13 @@ def sliders(at: Walk) -> None:
             at.person.type("yaw deg", -7.5)
             at.see("/PSM1/setpoint_js",
                    lambda it: abs(np.degrees(it["position"][0]) + 7.5) < 1e-3)  # fmt: skip
-    at.pick("Arm", "PSM1")
+    choose(at, "PSM1")
+
+
+def choose(at: Walk, arm: str) -> None:
+    """Choose an arm, and wait for its controls."""
+    at.pick("Arm", arm)
+    at.until(lambda: bool(at.person.all(f"//*[starts-with(., '{arm} joints')]")), arm)
 
 
 def near(k: int, goal: float, exact: float) -> Callable[[dict], bool]:
@@ -314,7 +321,7 @@ def gains(at: Walk, joint: str) -> float:
 
 
 def the_last_minute(at: Walk) -> None:
-    at.see("/scene/time", lambda it: it["data"] > 1.5)
+    at.see("/scene/time", lambda it: it["data"] > 3.0)
     at.person.slide("Look back s", 0.2)
     at.used.add("Look back s")
     at.see("/scene/paused", lambda it: it["data"])

@@ -110,7 +110,9 @@ class Person:
         def act() -> None:
             """Open the list, which closes where the page makes it anew, and click."""
             if not (shown := [each for each in self.all(found) if each.is_displayed()]):
-                self.one(f"{self._row(label)}//input[not(@type='hidden')]").click()
+                field = self.one(f"{self._row(label)}//input[not(@type='hidden')]")
+                self._centre(field)
+                field.click()
                 time.sleep(0.2)
                 raise ElementNotInteractableException(option)
             shown[0].click()
@@ -121,26 +123,30 @@ class Person:
         """Press a check box."""
         self.click(f"{self._row(label)}//input[@type='checkbox']")
 
-    def slide(self, label: str, share: float) -> tuple[float, float]:
-        """Drag a slider to a share of its way; return that value, and how exact a mouse is."""
+    def slide(self, label: str, share: float, exact: float = 0.04) -> tuple[float, float]:
+        """Drag a slider to a share of its way, as exact as another; return both in its unit."""
         track = f"{self._row(label)}//*[contains(@class, 'Slider-trackContainer')]"
 
         def reached() -> tuple[float, float]:
             low, high = self._thumb(label, "min"), self._thumb(label, "max")  # of a timeline: now
-            return low + share * (high - low), 0.04 * (high - low)
+            return low + share * (high - low), exact * (high - low)
 
         def drag() -> None:
             thumb, way = self.one(f"{self._row(label)}//*[@role='slider']"), self.one(track)
-            self.tab.execute_script("arguments[0].scrollIntoView({block: 'center'})", thumb)
+            self._centre(thumb)
             aside = round((share - 0.5) * way.rect["width"])
             hand = self.mouse.move_to_element(thumb).click_and_hold().pause(0.05)
             hand.move_to_element_with_offset(way, aside, 0).pause(0.05).release().perform()
-            goal, exact = reached()
-            if abs(self._thumb(label, "now") - goal) > exact:  # a busy page missed a part of it
+            goal, near = reached()
+            if abs(self._thumb(label, "now") - goal) > near:  # a busy page missed a part of it
                 raise ElementNotInteractableException(label)
 
         self._try(drag, f"the slider {label}")
         return reached()
+
+    def _centre(self, element: WebElement) -> None:
+        """Scroll an element into the middle of its panel: a list beside it is hidden with it."""
+        self.tab.execute_script("arguments[0].scrollIntoView({block: 'center'})", element)
 
     def _thumb(self, label: str, what: str) -> float:
         thumb = self.one(f"{self._row(label)}//*[@role='slider']")

@@ -146,9 +146,8 @@ class Walk:
 @contextmanager
 def walk(width: int, tmp_path: Path) -> Iterator[Walk]:
     """Open the page in a fresh browser of a size."""
-    phone = width < 500
-    screen = {"width": width, "height": 844 if phone else 600, "mobile": phone}
-    screen["deviceScaleFactor"] = 0.5  # fewer pixels to draw, and as many to point at
+    # Half as many pixels along each edge to draw, and as many to point at.
+    screen = {"width": width, "height": 900, "deviceScaleFactor": 0.5, "mobile": width < 500}
     downloads = {"behavior": "allow", "downloadPath": str(tmp_path)}
     with (
         all_kinds(tmp_path) as served,
@@ -322,7 +321,7 @@ def gains(at: Walk, joint: str) -> float:
 
 def the_last_minute(at: Walk) -> None:
     at.see("/scene/time", lambda it: it["data"] > 3.0)
-    at.person.slide("Look back s", 0.2)
+    at.person.slide("Look back s", 0.2, 0.2)  # time flows until it stands
     at.used.add("Look back s")
     at.see("/scene/paused", lambda it: it["data"])
     now = at.time_s

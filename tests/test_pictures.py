@@ -23,9 +23,10 @@ DRAWS = re.compile(r"`((?:trocar render|python tools/docs/\w+\.py)[^`]*)`")
 #: Pictures without such a command beside them, by their origin.
 OTHERWISE = {
     "screenshots in a browser (tools/docs/viewer_picture.py)": (
-        "cart.png", "mirror.png", "si-cart.png", "teleoperation.png", "viewer-gallery.png",
-        "viewer-gone.png", "viewer-phone.png", "viewer-recording.png", "viewer-scene.png",
-        "viewer-upload.png", "your-lab-si.png", "props.png",
+        "cart.png", "mirror.png", "si-cart.png", "teleoperation.png", "viewer-depth.png",
+        "viewer-gallery.png", "viewer-gone.png", "viewer-outline.png", "viewer-phone.png",
+        "viewer-recording.png", "viewer-scene.png", "viewer-upload.png", "your-lab-si.png",
+        "props.png",
     ),
     "another program": ("rviz-full-cart.png",),
     "plots of measurements": (

@@ -57,5 +57,6 @@ def test_tips_of_all_arms_at_once_are_those_of_each(skew_overlay, rng) -> None:
         arms[-1].move_jp(arms[-1].joints.setpoints()[arms[-1].runtime.own] + 0.05)
         world.step(100)
         found = world.frames.tip_poses([arm.name for arm in arms])
+        assert found is not None
         for arm in arms:
             np.testing.assert_array_equal(found[arm.name], arm.measured_cp("world").matrix)

@@ -34,7 +34,9 @@ def test_a_flap_that_is_let_go_falls_back_by_its_own_weight_and_hides_the_vessel
     task: TissueRetraction,
 ) -> None:
     assert run_episode(task, 2).success
-    task.world.arms["PSM1"].jaw.servo_jp([0.8])
+    jaw = task.world.arms["PSM1"].jaw
+    assert jaw is not None
+    jaw.servo_jp([0.8])
     task.world.step(1500)
     assert task.exposed() == 0.0
     turns = [task.object_pose(f"flap{k}")[2, 2] for k in range(1, 7)]

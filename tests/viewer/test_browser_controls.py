@@ -360,6 +360,7 @@ def hands(at: Walk) -> None:
     at.until(lambda: not person.sees(tip), "no handle")
     at.pick("Tip handles", "of all arms")
     at.until(lambda: all(map(person.sees, (tip, *others))), "all handles")
+    before = place(at.reads.hear("/PSM1/setpoint_cp"))
     for arm, node in {"ECM": others[0], "MTMR": others[1], "PSM1": tip}.items():
         before = place(at.reads.hear(f"/{arm}/setpoint_cp"))
         at.used.add(node)

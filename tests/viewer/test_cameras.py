@@ -288,9 +288,10 @@ def test_pictures_draw_what_any_client_requests_beside_colours(world: World) -> 
     renderer = FakeRenderer()
     loop = Loop(world, speed="max")
     pictures = Pictures(loop, lambda: renderer)
-    client = SimpleNamespace(wanted=lambda: ("endoscope",), take=lambda _: None)
+    client: Any = SimpleNamespace(wanted=lambda: ("endoscope",), take=lambda _: None)
     leave = pictures.add(client, lambda: {"endoscope": ("depth",)})
-    pictures.add(SimpleNamespace(**vars(client)), lambda: {"endoscope": ("ids",)})
+    other: Any = SimpleNamespace(**vars(client))
+    pictures.add(other, lambda: {"endoscope": ("ids",)})
     for expected in ({"depth", "ids"}, {"ids"}):
         assert "endoscope" in pictures.shoot(world)
         end = time.monotonic() + 20

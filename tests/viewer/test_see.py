@@ -111,13 +111,14 @@ def test_a_ray_at_a_triangle_of_a_link_picks_that_link(server: LocalServer, loop
     names = body_names(loop.ask(lambda world: world.shapes()).result())
     tree.under(np.zeros(3), np.array([0.0, 0.0, 1.0]))
     others = 0  # faces of hinges lie on each other
+    name, at, normal = "", np.zeros(3), np.zeros(3)
     for body, name in names.items():
         found = tree._surfaces[body]
         a, b, c = found.points[found.faces[rng.integers(len(found.faces))]]
         normal = np.cross(b - a, c - a)
         R = matrix_from_quaternion(now.quaternions[body])
-        normal = R @ normal / np.linalg.norm(normal)
-        at = R @ (a + b + c) / 3 + now.positions[body]
+        normal = np.asarray(R @ normal / np.linalg.norm(normal))
+        at = np.asarray(R @ (a + b + c) / 3 + now.positions[body])
         others += tree.under(at + 1e-6 * normal, -normal) != name
     assert others <= 3 < len(names)
     tree.press(f"see/{name}")

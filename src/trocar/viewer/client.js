@@ -130,19 +130,22 @@
     batches.forEach((mesh, k) => follow(mesh, bodies.slice(BODIES * k, BODIES * (k + 1))));
   }
 
-  // The opaque meshes of each body without textures.
+  // The opaque meshes without textures of each body that is shown.
   function bodiesOf(nodes) {
-    const bodies = [];
+    const bodies = [], named = new Set(Object.values(nodes));
+    const shown = (node) => !node || (node.visible && shown(node.parent));
+    const collect = (node, meshes) => {
+      const { material } = node;
+      if (material?.isMeshStandardMaterial && !material.transparent && !material.map
+          && node.geometry.index) {
+        meshes.push(node);
+      }
+      for (const child of node.children) if (!named.has(child)) collect(child, meshes);
+      return meshes;
+    };
     for (const name in nodes) {
-      if (!name.startsWith("/cart/body_") || !nodes[name]?.visible) continue;
-      const meshes = [];
-      nodes[name].traverse((node) => {
-        const { material } = node;
-        if (material?.isMeshStandardMaterial && !material.transparent && !material.map
-            && node.geometry.index) {
-          meshes.push(node);
-        }
-      });
+      if (!name.startsWith("/world/") || name.startsWith("/world/drawings/")) continue;
+      const meshes = nodes[name] && shown(nodes[name]) ? collect(nodes[name], []) : [];
       if (meshes.length > 0) bodies.push(meshes);
     }
     return bodies;

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
+import os
 import time
 import zipfile
 from collections.abc import Callable, Iterator
@@ -33,7 +34,14 @@ from tests.viewer.browser import chromium
 from tests.viewer.person import Person
 from tests.viewer.program import Program, program
 
-pytestmark = [pytest.mark.browser, pytest.mark.slow]
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        "TROCAR_EVERY_CONTROL" not in os.environ,
+        reason="takes minutes with the machine for itself: TROCAR_EVERY_CONTROL=1",
+    ),
+]
 
 #: Controls that end the page or need a second browser, and the test that acts on them.
 ELSEWHERE = {

@@ -186,7 +186,7 @@ def drag_along_x(browser: Browser, away_px: int) -> float:
 
     In the page's pixels: viser's own height shrinks with the resolution on a slow machine.
     """
-    canvas = max(browser.tab.find_elements(By.TAG_NAME, "canvas"), key=lambda c: c.size["width"])
+    canvas = browser.tab.execute_script("return __viserMutable.canvas")
     hand = ActionChains(browser.tab, duration=600)
     hand.move_to_element_with_offset(canvas, ARROW_PX, 0).click_and_hold()
     hand.move_by_offset(away_px // 2, 0).move_by_offset(away_px - away_px // 2, 0)

@@ -719,7 +719,7 @@ class _SdfModel:
         self._places[name] = _Place(at, self.named(to))
 
     def at(self, name: str, node: XmlNode, seen: tuple[str, ...] = ()) -> Array:
-        """Return T_model_frame in the outermost model, of what it names, (4, 4)."""
+        """Return the pose of a named link, joint, frame or model in the outermost model, (4, 4)."""
         if name == MODEL_FRAME:
             return np.eye(4)
         if name == WORLD:
@@ -781,7 +781,7 @@ class _SdfModel:
         return self._node.children("joint")
 
     def notes(self) -> list[str]:
-        """Return warnings about what was read."""
+        """List the warnings of this file: ignored elements, files that were not found."""
         tags = sorted({n.tag for n in self._node.children() if n.tag in PASSED_OVER})
         passed = [f"{self._path}: <{tag}> is ignored" for tag in tags]
         return [*passed, *self._finder.notes, *self._notes]

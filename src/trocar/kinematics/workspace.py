@@ -55,7 +55,7 @@ at which it is taken. Source: our own choice."""
 
 @dataclass(frozen=True, eq=False)
 class Workspace:
-    """A closed surface around what a tip reaches.
+    """Closed surface around the positions that a tip can reach.
 
     Attributes:
         centre: the tip in the middle of the joints' ranges, (3,) [m]

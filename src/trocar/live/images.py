@@ -56,7 +56,7 @@ BEHIND = 0.97
 Format = Literal["jpeg", "png"]
 FORMATS: tuple[str, ...] = get_args(Format)
 Picture = NDArray[np.uint8]
-#: Returns what a client requests beside colours: {camera: "depth", "ids"}.
+#: Images that a client requests beside colours, now: {camera: "depth", "ids"}.
 Beside = Callable[[], Mapping[str, Collection[str]]]
 #: Takes a frame and an eye (0 left, 1 right); returns that eye's picture with overlays.
 Overlay = Callable[[Any, int], Picture]

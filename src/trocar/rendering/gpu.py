@@ -228,7 +228,7 @@ class Gpu:
         moment: tuple[float, float],
         shade: moderngl.Texture,
     ) -> None:
-        """Draw what the eyes see at a moment: its time [s], and factor of the exposure."""
+        """Draw the picture of both eyes; `moment` is (simulated time [s], factor of exposure)."""
         time, exposure = moment
         light, look, frustum = listed.light, self._look, listed.light.frustum
         surgical = light.scope and not self._plain

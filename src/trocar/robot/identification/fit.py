@@ -382,7 +382,7 @@ def identify(
 def _stuck(model: EffortModel, log: FilteredLog) -> NDArray[np.bool_]:
     """Return samples of a simulated log that say nothing of a joint's effort, (k, n).
 
-    Where a drivetrain sticks its dry friction has no sign: it is what the other forces leave.
+    While a drivetrain sticks, its dry friction balances the other forces and has no sign.
     """
     count = log.log.q.shape[1]
     found = np.zeros((len(log.log.q), count))

@@ -162,7 +162,7 @@ def loaded(arm: ArmDescription, known: Sequence[Weight]) -> ArmDescription:
 def filtered_regressor(
     model: EffortModel, log: FilteredLog, counted: Array | None = None
 ) -> tuple[Array, Array]:
-    """Return the regressor and what a log leaves for it to explain, filtered and cut.
+    """Return the regressor and the efforts of a log without its known terms, filtered and cut.
 
     Args:
         model: the parameters

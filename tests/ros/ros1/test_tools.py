@@ -6,6 +6,8 @@ import re
 import subprocess
 from contextlib import closing
 from pathlib import Path
+from typing import Any, cast
+from xmlrpc.client import ServerProxy
 
 import numpy as np
 import pytest
@@ -189,6 +191,18 @@ def test_the_simulation_goes_on_without_its_master_and_joins_a_new_one(tmp_path:
         _, _, (out, _, _) = master.ask("getSystemState")
         assert not [nodes for _, nodes in out if "/trocar" in nodes]
         assert not [name for name in master.ask("getParamNames")[2] if name.startswith("/PSM1")]
+
+
+def test_what_a_master_lost_is_registered_again(master: Master) -> None:
+    def registered() -> bool:
+        return "/PSM1/measured_js" in dict(master.ask("getPublishedTopics", "")[2])
+
+    until(registered, "the topic is there")
+    with ServerProxy(master.uri) as proxy:
+        node = cast(Any, proxy.lookupNode("/test", "/trocar"))[2]
+        proxy.unregisterPublisher("/trocar", "/PSM1/measured_js", node)
+    assert not registered()
+    until(registered, "the topic is there again")
 
 
 def test_headers_are_numbered_for_each_publisher(master: Master) -> None:

@@ -442,8 +442,13 @@ class Ros1Transport:
                 self._over.set()
                 return
             try:
-                known = self._master.ask("lookupNode", f"/{self.node}")[0] == 1
-                _, _, (published, subscribed, _) = self._master.ask("getSystemState")
+                ours = [{name for name, _ in rows} for _, rows in self._registrations()]
+                _, _, listed = self._master.ask("getSystemState")
+                published, subscribed, _ = listed
+                known = all(
+                    names <= {name for name, nodes in rows if f"/{self.node}" in nodes}
+                    for names, rows in zip(ours, listed, strict=True)
+                )
                 heard = {name for name, _ in subscribed}
                 names = [name.lstrip("/") for name, _ in published if name not in heard]
                 self._core.unread(names, "ROS 1")
@@ -473,14 +478,22 @@ class Ros1Transport:
             _log.warning("ROS 1: cannot set parameters: %s", error)
         return True
 
-    def _register_again(self) -> None:
-        """Register everything once more, which rospy itself does not."""
+    def _registrations(self) -> list[tuple[Any, list[Any]]]:
+        """List the node's publications, subscriptions and services: kind, (name, type or address).
+
+        In the order of the master's getSystemState.
+        """
         of = self._ros.registration
         topics, kinds = of.get_topic_manager(), of.Registration
-        for kind, rows in (
+        return [
             (kinds.PUB, topics.get_publications()),
             (kinds.SUB, topics.get_subscriptions()),
             (kinds.SRV, of.get_service_manager().get_services()),
-        ):
+        ]
+
+    def _register_again(self) -> None:
+        """Register everything once more, which rospy itself does not."""
+        listeners = self._ros.registration.get_registration_listeners()
+        for kind, rows in self._registrations():
             for name, described in rows:
-                of.get_registration_listeners().notify_added(name, described, kind)
+                listeners.notify_added(name, described, kind)

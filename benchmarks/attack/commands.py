@@ -116,9 +116,12 @@ def outcome(world: World, verb: Callable[..., Any], given: Mapping[str, Any], st
     if world.engine_warnings():
         return f"MuJoCo warns: {world.engine_warnings()}"
     overlap = bool((data.contact.dist < OVERLAP).any())
+    pressed = touched(world)
     for arm in world.arms.values():
         powered, was = before[arm.name]
         if overlap or powered or arm.runtime.motors.powered or verb.__name__ in ELSEWHERE:
+            continue
+        if arm.name in pressed:
             continue
         inside = (arm.joints.lower < was) & (
             was < arm.joints.upper
@@ -127,6 +130,17 @@ def outcome(world: World, verb: Callable[..., Any], given: Mapping[str, Any], st
         if inside.all() and not moved < STILL:
             return f"{arm.name} has no power and moved by {moved:g}"
     return ""
+
+
+def touched(world: World) -> set[str]:
+    """Return the names of the arms that another arm overlaps with, and so pushes."""
+    model, contact = world.mj_model, world.mj_data.contact
+    found: set[str] = set()
+    for pair in contact.geom[contact.dist < 0.0]:
+        owners = {model.body(model.geom_bodyid[geom]).name.split("/")[0] for geom in pair}
+        if len(owners & world.arms.keys()) > 1:
+            found |= owners
+    return found
 
 
 def verbs(world: World) -> list[Verb]:

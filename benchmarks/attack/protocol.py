@@ -20,7 +20,7 @@ import numpy as np
 from websockets.protocol import State
 
 from benchmarks.attack import SCENE, Tally
-from benchmarks.attack.commands import ELSEWHERE, EXTREME, OVERLAP, STILL
+from benchmarks.attack.commands import ELSEWHERE, EXTREME, OVERLAP, STILL, touched
 from trocar.errors import InputError
 from trocar.live import Command, Loop
 from trocar.live.loop import SERVER_TICK_S
@@ -255,10 +255,13 @@ class Target(logging.Handler):
             return f"MuJoCo warns: {self.world.engine_warnings()}"
         if (data.contact.dist < OVERLAP).any() or any(map(elsewhere, self.applied)):
             return ""
+        pressed = touched(self.world)
         for arm in arms:
             powered, was = before[arm.name]
             own = arm.description.own_joints
             if powered or arm.runtime.motors.powered or len(was) != len(arm.joints.names):
+                continue
+            if arm.name in pressed:
                 continue
             inside = (arm.joints.lower < was) & (was < arm.joints.upper)
             moved = float(np.abs(arm.joints.positions() - was)[:own].max())

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from trocar import load_scene
 from trocar.descriptions import RigDescription, load_rig
 from trocar.descriptions.props import read_props
 from trocar.descriptions.table import parse_table
@@ -15,6 +16,7 @@ from trocar.errors import DescriptionError, InputError
 from trocar.geometry.se3 import transform
 from trocar.simulation import World
 from trocar.simulation.journal import Entry
+from trocar.simulation.threads import MOVE_M_S, TURN_RAD_S
 
 GRAVITY = 9.81
 SHELF = """
@@ -384,3 +386,28 @@ shape = [{ kind = "box", center_mm = [0, 0, 0], size_mm = [60, 2, 2], stiffness_
         points = world.threads["thread"].points()
         lowest = min(lowest, float(points[:, 2].max()))
     assert lowest > 0.2005
+
+
+def test_what_an_arm_that_jumps_presses_out_of_it_does_not_tear_the_numbers_apart(
+    rng: np.random.Generator,
+) -> None:
+    scene = load_scene("thread-handover")
+    world = World(scene.rig, homed=True, welded=scene.welded)
+    arm = world.arm("PSM2")
+    arm.joints.set_mode("set")
+    middle = world.threads["thread"].points().mean(axis=0)
+    for _ in range(40):
+        T = arm.measured_cp("world").matrix
+        T[:3, 3] = middle + rng.uniform(-0.01, 0.01, 3)
+        arm.servo_cp(T, frame="world")
+        world.step(5)
+    assert np.isfinite(world.mj_data.qpos).all()
+
+
+def test_its_beginning_is_never_faster_than_its_limits() -> None:
+    world = World(rig(SHELF + HELD))
+    start = world.mj_data.joint("thread/free")
+    start.qvel[:] = [0.0, 0.0, 3.0 * MOVE_M_S, 3.0 * TURN_RAD_S, 0.0, 0.0]
+    world.step()
+    assert start.qvel[2] == MOVE_M_S
+    assert start.qvel[3] == TURN_RAD_S

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trocar import load_scene
 from trocar.descriptions import load_tool, names
 from trocar.errors import InputError, UnknownNameError
 from trocar.simulation import World
@@ -323,22 +322,3 @@ def test_every_tool_takes_the_place_of_every_other_without_a_warning(
             world.step(100)
             assert world.health().branch_ok
     assert not caplog.records
-
-
-def test_no_instrument_appears_around_thread() -> None:
-    scene = load_scene("thread-handover")
-    world = World(scene.rig, homed=True, welded=scene.welded)
-    arm, thread = world.arm("PSM1"), world.objects["thread"]
-    tip = arm.measured_cp("world").matrix[:3, 3]
-    curve = world.threads["thread"].points()
-    thread.set_curve(curve - curve[len(curve) // 2] + tip)
-    before, state = arm.description, world.mj_data.qpos.copy()
-    allowed = r"thread is \d\.\d mm from where the instrument will be; allowed from 10 mm on"
-    with pytest.raises(InputError, match=allowed):
-        world.exchange_tool("PSM1", MARYLAND)
-    assert arm.description is before
-    np.testing.assert_array_equal(world.mj_data.qpos, state)
-    thread.set_curve(curve - curve[len(curve) // 2] + tip + [0.0, 0.0, -0.04])
-    world.exchange_tool("PSM1", MARYLAND)
-    world.step(50)
-    assert arm.description.tool == MARYLAND

@@ -18,6 +18,10 @@ from trocar.simulation.records import DrawnCurve
 
 Array = NDArray[np.float64]
 
+#: Links turn [rad/s] and the beginning moves [m/s] at most so fast: what an arm that was put into a
+#: thread in no time (a reset, a tool, mode "set") presses out of it would else tear the numbers
+#: apart. Source: our own choice; jaws that pull knots shut turn links at 108 rad/s (measured).
+TURN_RAD_S, MOVE_M_S = 1000.0, 20.0
 #: Points of the drawn curve for each link. Source: our own choice.
 POINTS = 4
 
@@ -33,6 +37,8 @@ class ThreadProp(Part):
         name, thread: as described
     """
 
+    every = 1
+
     def __init__(self, prop: Prop, thread: ChainThread) -> None:
         self.name, self.thread, self._names = prop.name, thread, bodies_of(prop)
 
@@ -43,6 +49,14 @@ class ThreadProp(Part):
         self._bodies = [model.body(name).id for name in self._names]
         self._tree = int(model.body_treeid[self._bodies[0]])
         self._dofs = np.flatnonzero(model.dof_treeid == self._tree)
+        self._fastest = np.full(len(self._dofs), TURN_RAD_S)
+        self._fastest[:3] = MOVE_M_S
+
+    def look(self) -> None:
+        """Slow down what is faster than anything that pulls a thread."""
+        speed = self._data.qvel[self._dofs]
+        if (np.abs(speed) > self._fastest).any():
+            self._data.qvel[self._dofs] = np.clip(speed, -self._fastest, self._fastest)
 
     def points(self) -> Array:
         """Return the ends of its links in the world, from its beginning on, (links + 1, 3) [m]."""

@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 
 from trocar.descriptions.mounting import carried_over, joints_without_tool
 from trocar.descriptions.records import ArmDescription
-from trocar.errors import InputError
-from trocar.kinematics.forward import pose
 from trocar.modeling import naming
 from trocar.simulation.motors import Motors
 from trocar.simulation.servos import Servos
@@ -27,9 +25,6 @@ log = logging.getLogger("trocar")
 #: The tool's joint that stays as well. Source: the dVRK engages a new instrument with its wrist
 #: straight and its jaw shut, wherever its roll is.
 ROLL = "roll"
-#: Thread must be so far from the axis of a new instrument [m]: one that appeared around thread
-#: would press millimetres out of it at once. Source: an instrument is 8.4 mm thick (descriptions).
-CLEAR_M = 0.01
 #: Coordinates and rates of a joint of each kind.
 CARRIED = (
     "setpoint",
@@ -57,32 +52,6 @@ def engaged(q: Array, old: ArmDescription, new: ArmDescription) -> Array:
     """Return joints of an arm with its new tool, (n_new,), from those with the old, (n_old,)."""
     kept = np.isin(old.mechanism.joint_names, [*joints_without_tool(old), ROLL])
     return carried_over(np.where(kept, q, 0.0), old, new)
-
-
-def check_clear(
-    thread: str, points: Array, new: ArmDescription, T_world_arm: Array, q: Array
-) -> None:
-    """Check that no thread is where an instrument will be, between remote centre and tip.
-
-    Args:
-        thread: its name
-        points: of the thread in the world, (n, 3) [m]
-        new: the arm with its new tool
-        T_world_arm: of the arm's reference frame, (4, 4)
-        q: its joint positions then, (n_new,)
-
-    Raises:
-        InputError: thread is nearer than `CLEAR_M`
-    """
-    tip = pose(new.mechanism, q)[:3, 3]
-    here = (points - T_world_arm[:3, 3]) @ T_world_arm[:3, :3]
-    along = np.clip(here @ tip / tip.dot(tip), 0.0, 1.0)
-    near = float(np.linalg.norm(here - along[:, None] * tip, axis=1).min())
-    if near < CLEAR_M:
-        raise InputError(
-            f"exchange_tool: {thread} is {1e3 * near:.1f} mm from where the instrument will be;"
-            f" allowed from {1e3 * CLEAR_M:.0f} mm on: withdraw the arm, or move the thread"
-        )
 
 
 def warn_of_clipped(

@@ -20,7 +20,6 @@ from trocar.descriptions.robot_errors import robot_errors
 from trocar.descriptions.sensor_records import SensorReading
 from trocar.descriptions.sensors import ALL_CONTACTS, ContactsReading
 from trocar.errors import DivergedError, InputError, UnknownNameError
-from trocar.geometry.se3 import inverse
 from trocar.kinematics.chain_pose import chain_pose
 from trocar.modeling import naming
 from trocar.modeling.build import RigModel, build
@@ -61,13 +60,7 @@ from trocar.simulation.threads import ThreadProp
 from trocar.simulation.tip_load import TipLoad
 from trocar.simulation.tissue.drawings import TissueDrawings
 from trocar.simulation.tissue.tissues import SoftTissue
-from trocar.simulation.tool_exchange import (
-    carry,
-    check_clear,
-    engaged,
-    keep_settings,
-    warn_of_clipped,
-)
+from trocar.simulation.tool_exchange import carry, engaged, keep_settings, warn_of_clipped
 
 Array = NDArray[np.float64]
 P = TypeVar("P", bound=Part)
@@ -661,21 +654,18 @@ class World:
 
         Raises:
             UnknownNameError: no such arm or tool; the known ones are listed
-            InputError: the arm takes no tool, this one is made for another generation, the rig has
-                soft tissue, or thread is where the tool will be
+            InputError: the arm takes no tool, this one is made for another generation, or the rig
+                has soft tissue
             DescriptionError: the tool's file is broken
         """
         self._scripts.check_outside("exchange_tool")
         if self.tissues:
             raise InputError(f"exchange_tool: the rig has tissue ({', '.join(self.tissues)})")
         arm, rig = self.arm(name), rig_with_tool(self.rig, name, str(tool))
-        old, new = arm.description, rig.arm(name).arm
-        q = engaged(arm.joints.positions(), old, new)
-        for thread in self.threads.values():
-            T_world_arm = arm.measured_cp("world").matrix @ inverse(arm.local.measured_cp().matrix)
-            check_clear(thread.name, thread.points(), new, T_world_arm, q)
         model = build(rig, self.options)
         arm.runtime.states.stop()
+        old, new = arm.description, rig.arm(name).arm
+        q = engaged(arm.joints.positions(), old, new)
         setpoints = engaged(arm.joints.setpoints(), old, new)
         warn_of_clipped(name, arm.joints.setpoints(), old, setpoints, new)
         before, motors = (self._model, self._data, self.servos), arm.runtime.motors

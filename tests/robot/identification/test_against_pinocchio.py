@@ -12,6 +12,7 @@ from trocar.descriptions import load_arm
 from trocar.descriptions.inertial import STANDARD_GRAVITY
 from trocar.descriptions.records import ArmDescription
 from trocar.kinematics.forward import coordinates, pose
+from trocar.kinematics.mechanism import Mechanism
 from trocar.robot.identification import JointMotion, rigid_efforts
 
 pinocchio: Any = pytest.importorskip(
@@ -21,8 +22,19 @@ pinocchio: Any = pytest.importorskip(
 Array = NDArray[np.float64]
 
 
-def tree(arm: ArmDescription, up: Array) -> tuple[Any, Array]:
-    """Return a chain as pinocchio's model, a joint for each moving frame, and their ratios."""
+def depth_first(mechanism: Mechanism) -> list[int]:
+    """Return the rows of frames, those of each subtree together, as pinocchio needs its joints."""
+
+    def below(i: int) -> list[int]:
+        name = mechanism.frames[i].name
+        children = [j for j, frame in enumerate(mechanism.frames) if frame.parent == name]
+        return [i, *(row for j in children for row in below(j))]
+
+    return [row for i, f in enumerate(mechanism.frames) if f.parent is None for row in below(i)]
+
+
+def tree(arm: ArmDescription, up: Array) -> tuple[Any, list[int]]:
+    """Return a chain as pinocchio's model, and the rows of the frames that its joints move."""
     mechanism, model = arm.mechanism, pinocchio.Model()
     root = mechanism.frames[0].name
     rest = np.zeros((1, len(mechanism.joints)))
@@ -30,7 +42,8 @@ def tree(arm: ArmDescription, up: Array) -> tuple[Any, Array]:
     model.gravity.linear = -STANDARD_GRAVITY * (turn @ up)
     at: dict[str | None, tuple[int, Any]] = {None: (0, pinocchio.SE3.Identity())}
     moving: list[int] = []
-    for i, frame in enumerate(mechanism.frames):
+    for i in depth_first(mechanism):
+        frame = mechanism.frames[i]
         parent, place = at[frame.parent]
         place = place * pinocchio.SE3(frame.before)
         if frame.motion != "fixed":
@@ -45,7 +58,7 @@ def tree(arm: ArmDescription, up: Array) -> tuple[Any, Array]:
         joint, place = at[body.frame]
         inertia = pinocchio.Inertia(body.mass, body.com, body.inertia)
         model.appendBodyToJoint(joint, inertia, place)
-    return model, mechanism.ratios[moving]
+    return model, moving
 
 
 @pytest.mark.parametrize("name", ["psm_si", "ecm_si"])
@@ -53,8 +66,9 @@ def tree(arm: ArmDescription, up: Array) -> tuple[Any, Array]:
 def test_rigid_body_terms_agree(name: str, lean: float, rng: np.random.Generator) -> None:
     arm = load_arm(name)
     up = np.array([0.0, np.sin(np.radians(lean)), np.cos(np.radians(lean))])
-    model, ratios = tree(arm, up)
+    model, moving = tree(arm, up)
     data, mechanism = model.createData(), arm.mechanism
+    ratios = mechanism.ratios[moving]
     count, joints = 20, len(mechanism.joints)
     q = rng.uniform(mechanism.lower, mechanism.upper, (count, joints))
     qd, one, still = rng.normal(size=q.shape), np.eye(joints), np.zeros_like(q)
@@ -66,7 +80,6 @@ def test_rigid_body_terms_agree(name: str, lean: float, rng: np.random.Generator
     mass = np.stack([efforts(still, still + one[j]) - gravity for j in range(joints)], axis=2)
     coriolis = efforts(qd, still) - gravity
     where = coordinates(mechanism, q)
-    moving = [i for i, frame in enumerate(mechanism.frames) if frame.motion != "fixed"]
     for k in range(count):
         at, rate = where[k, moving], ratios @ qd[k]
         expected = ratios.T @ pinocchio.computeGeneralizedGravity(model, data, at)

@@ -202,6 +202,15 @@ class MeshFinder:
             f"{uri!r} not found (searched {near}); add its folder with --package-path DIR"
         )
 
+    def geometry(self, owner: XmlNode) -> XmlNode | None:
+        """Return the <geometry> of a <visual> or <collision>; None, with a note, of an empty one."""
+        found = owner.child("geometry")
+        shapes = [] if found is None else found.children()
+        if not shapes or [shape.tag for shape in shapes] == ["empty"]:
+            self.notes[f"<{owner.tag}> without a shape is ignored"] = None
+            return None
+        return found
+
     def visual(self, node: XmlNode, pose: Array, material: str) -> list[Shape]:
         """Return the visible shapes of a <geometry> at T_link_shape, (4, 4).
 

@@ -178,7 +178,7 @@ class _Document:
             self._remove(instance)
 
     def instance_scene(self) -> None:
-        """Show the first scene where none is shown, or all geometries where there is none."""
+        """Show the first scene where none is shown, or all geometries of a file without scenes."""
         scenes = self._all("visual_scene")
         shown = {found.get("url", "").removeprefix("#") for found in
                  self._all("instance_visual_scene")}  # fmt: skip

@@ -203,7 +203,7 @@ class MeshFinder:
         )
 
     def geometry(self, owner: XmlNode) -> XmlNode | None:
-        """Return the <geometry> of a <visual> or <collision>; None, with a note, of an empty one."""
+        """Return the <geometry> of a <visual> or <collision>; note and pass over an empty one."""
         found = owner.child("geometry")
         shapes = [] if found is None else found.children()
         if not shapes or [shape.tag for shape in shapes] == ["empty"]:

@@ -491,3 +491,47 @@ def test_poses_of_a_tip_by_three_angles_become_joints(
     found = read_arm_motion(path, PSM, ReadSettings(**how))
     np.testing.assert_allclose(found.rows[:, 0, :6], q[:, :6], atol=1e-6)
     assert "joints from poses of the tip" in found.understood()
+
+
+def test_a_header_that_is_written_again_is_left_out(tmp_path: Path) -> None:
+    time, q, _ = motion()
+    path = csv(tmp_path / "log.csv", ["time", *JOINTS], np.column_stack([time, q]))
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines[:30], lines[0], *lines[30:]]))
+    found = read_arm_motion(path, PSM)
+    np.testing.assert_allclose(found.rows[:, 0], q, atol=1e-9)
+    assert "the header written again 1 times left out" in found.understood()
+
+
+def test_lists_in_fields_are_columns_as_converters_of_bags_write_them(tmp_path: Path) -> None:
+    time, q, v = motion()
+    head = "timestamp,header.stamp.sec,header.stamp.nanosec,header.frame_id,name,position,velocity"
+    lines = ["# Topic: /PSM1/measured_js", "# Type: sensor_msgs/msg/JointState", f"{head},effort"]
+    names = ", ".join(repr(name) for name in JOINTS[:6])
+    for t, row, speed in zip(time, q, v, strict=True):
+        sec, nano = 1_700_000_000 + int(t), round(1e9 * (t % 1.0))
+        lists = ",".join(f'"{values[:6].tolist()}"' for values in (row, speed))
+        lines.append(f'{sec}{nano:09},{sec},{nano},,"[{names}]",{lists},[]')
+    (tmp_path / "PSM1_measured_js.csv").write_text("\n".join(lines))
+    found = read_arm_motion(tmp_path / "PSM1_measured_js.csv", PSM)
+    np.testing.assert_allclose(found.rows[:, 0, :6], q[:, :6], atol=1e-9)
+    np.testing.assert_allclose(found.rows[:, 1, :6], v[:, :6], atol=1e-9)
+    assert found.rate_hz == pytest.approx(30.0)
+
+
+@pytest.mark.parametrize(
+    ("start", "problem"),
+    [
+        (b"\xd0\xcf\x11\xe0\xa1\xb1", "is a spreadsheet .*: save it as CSV"),
+        (b"PK\x03\x04\x14", "is a spreadsheet .*: save it as CSV"),
+        (b"MATLAB 5.0 MAT-file", "is a MAT-file: write its table"),
+        (b"\x89HDF\r\n", "is an HDF5 file"),
+        (b"\x80\x04\x95", "is a pickle"),
+    ],
+)
+def test_files_of_other_programs_are_refused_with_a_way(
+    tmp_path: Path, start: bytes, problem: str
+) -> None:
+    (tmp_path / "log").write_bytes(start + bytes(100))
+    with pytest.raises(LogError, match=problem):
+        read_arm_motion(tmp_path / "log", PSM)

@@ -26,6 +26,15 @@ READABLE = (
     "a recording of trocar's own (MCAP), a text file of numbers (plain or gzip), an array (.npy),"
     f" {FORMATS}, a dataset of LeRobot's or one of its Parquet files"
 )
+#: {first bytes of files that are no text: kind, way to a table}. Source: the formats' specifications.
+OTHER_KINDS = {
+    b"\xd0\xcf\x11\xe0": ("a spreadsheet (.xls)", "save it as CSV"),
+    b"PK\x03\x04": ("a spreadsheet (.xlsx) or another archive", "save it as CSV"),
+    b"MATLAB 5.0": ("a MAT-file", "write its table with writematrix, as CSV"),
+    b"\x89HDF": ("an HDF5 file", "write its tables as CSV"),
+    b"\x80\x04\x95": ("a pickle", "write its table as CSV"),
+    b"\x80\x03": ("a pickle", "write its table as CSV"),
+}
 #: Longest row [characters]. Source: our own choice; 76 columns take some 1000.
 LONGEST_LINE = 1 << 16
 #: Lines before the header of a table that are left out. Source: our own choice.
@@ -122,7 +131,7 @@ class _Rows:
         self._texts: dict[int, tuple[int, str]] = {}
         self._holes: dict[int, tuple[int, str]] = {}
         self._short: tuple[int, int] | None = None
-        self._blank = self._before = 0
+        self._blank = self._before = self._again = 0
         self._indexed = False
 
     def line(self, number: int, line: str) -> None:
@@ -153,6 +162,9 @@ class _Rows:
                 self._before += len(self._heads)
                 self._heads = []
             self._heads.append(fields)
+            return
+        if self.rows and fields in self._heads:
+            self._again += 1
             return
         if self._indexed:
             fields = fields[1:]
@@ -230,6 +242,8 @@ class _Rows:
         notes: list[str] = []
         if self._before and rows:
             notes.append(f"{self._before} lines before the table left out")
+        if self._again:
+            notes.append(f"the header written again {self._again} times left out")
         if self._short:
             notes.append(f"row {self._short[0]} breaks off and was left out")
         values = np.array(rows, np.float64) if rows else np.zeros((0, len(header)))
@@ -348,8 +362,12 @@ def _open(path: str | Path, stack: ExitStack) -> TextIO:
         what = "is a folder" if where.is_dir() else "no such file"
         raise LogError(str(path), f"{what}; allowed: {READABLE}")
     raw = stack.enter_context(where.open("rb"))
-    head = raw.read(2)
+    head = raw.read(10)
     raw.seek(0)
+    for start, (what, way) in OTHER_KINDS.items():
+        if head.startswith(start):
+            raise LogError(str(path), f"is {what}: {way}")
+    head = head[:2]
     if head in (b"\xff\xfe", b"\xfe\xff"):
         return stack.enter_context(io.TextIOWrapper(raw, encoding="utf-16", errors="replace"))
     plain = stack.enter_context(gzip.GzipFile(fileobj=raw)) if head == b"\x1f\x8b" else raw

@@ -39,6 +39,8 @@ class ral:  # noqa: N801  as scripts call it
 
     #: rospy beneath every layer of a run; set where the modules of a script are made.
     _node_of_run: ClassVar[Any]
+    #: Whether readings come with their time, as in dVRK 2.4.
+    _dated = True
 
     def __init__(self, node_name: str, namespace: str = "", node: Any = None) -> None:  # noqa: ARG002
         self._node_name, self._namespace = node_name, namespace.strip("/")
@@ -74,6 +76,7 @@ class ral:  # noqa: N801  as scripts call it
         if child_namespace in self._children:
             raise RuntimeError(f'ral object already has child "{child_namespace}"!')
         child = type(self)(self._node_name, self._named(child_namespace), self._node)
+        child._dated = self._dated
         self._children[child_namespace] = child
         return child
 
@@ -412,16 +415,19 @@ class Reading:
         )
 
     def getter(self, *values: Callable[[Any], Any]) -> Callable[..., Any]:
-        """Return a method that returns values of the newest message, and its time [s]."""
+        """Return a method that returns values of the newest message, and its time if `ral._dated` [s]."""
 
         def get(
             age: float | None = None,
             wait: float | None = None,
             extra: Any = None,  # noqa: ARG001  before 1.4: with its time
             wait_timeout: float | None = None,
-        ) -> tuple[Any, ...]:
+        ) -> Any:
             message = self.message(age, wait if wait_timeout is None else wait_timeout)
-            return (*(value(message) for value in values), self._ral.to_sec(message))
+            found = [value(message) for value in values]
+            if not self._ral._dated:
+                return found[0] if len(found) == 1 else tuple(found)
+            return (*found, self._ral.to_sec(message))
 
         get.__name__ = self._name
         return get

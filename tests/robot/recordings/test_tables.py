@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from trocar.descriptions import load_arm
 from trocar.errors import InputError, LogError, UnknownNameError
-from trocar.geometry.rotations import rpy_from_matrix
+from trocar.geometry.rotations import quaternion_from_matrix, rpy_from_matrix
 from trocar.kinematics.chain_pose import chain_pose
 from trocar.robot.recordings import ReadSettings, read_arm_motion, tip_motions
 from trocar.robot.recordings.columns import taken_apart
@@ -535,3 +535,37 @@ def test_files_of_other_programs_are_refused_with_a_way(
     (tmp_path / "log").write_bytes(start + bytes(100))
     with pytest.raises(LogError, match=problem):
         read_arm_motion(tmp_path / "log", PSM)
+
+
+def test_bare_poses_are_not_taken_for_joints(tmp_path: Path) -> None:
+    time, q, _ = motion()
+    poses = chain_pose(PSM.mechanism)(q)
+    turns = np.array([quaternion_from_matrix(pose[:3, :3])[[1, 2, 3, 0]] for pose in poses])
+    path = csv(tmp_path / "log.txt", [], np.column_stack([time, poses[:, :3, 3], turns]), " ")
+    with pytest.raises(InputError, match="are quaternions of poses, no joints; name them, --colu"):
+        read_arm_motion(path, PSM)
+    how = ReadSettings(columns=("time=0", "tip=1:8"))
+    np.testing.assert_allclose(read_arm_motion(path, PSM, how).rows[:, 0, :6], q[:, :6], atol=1e-6)
+
+
+def test_stamps_that_nobody_set_are_no_times(tmp_path: Path) -> None:
+    time, q, _ = motion()
+    stamp = "header.stamp.secs", "header.stamp.nsecs"
+    header = ["Time", *stamp, *(f"position_{k}" for k in range(6))]
+    none = np.zeros((len(time), 2))
+    path = csv(tmp_path / "log.csv", header, np.column_stack([time, none, q[:, :6]]))
+    assert read_arm_motion(path, PSM).rate_hz == pytest.approx(30.0)
+
+
+def test_rows_in_brackets_are_read(tmp_path: Path) -> None:
+    _, q, _ = motion()
+    lines = [f"[ {'  '.join(f'{value:.9e}' for value in row)} ]" for row in q]
+    (tmp_path / "log.txt").write_text("\n".join(lines))
+    how = ReadSettings(rate_hz=30.0, wrist="joint")
+    np.testing.assert_allclose(read_arm_motion(tmp_path / "log.txt", PSM, how).rows[:, 0], q)
+
+
+def test_a_file_of_words_alone_holds_no_numbers(tmp_path: Path) -> None:
+    (tmp_path / "log.jsonl").write_text('{"t": 0, "q": "a"}\n{"t": 1, "q": "b"}\n')
+    with pytest.raises(LogError, match="holds no rows of numbers"):
+        read_arm_motion(tmp_path / "log.jsonl", PSM)

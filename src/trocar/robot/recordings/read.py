@@ -21,6 +21,7 @@ from trocar.robot.recordings.columns import (
     ANGLES,
     ARM_WORDS,
     FEWEST_JOINTS,
+    PARTS,
     UNITS,
     ArmPlaces,
     ScaledColumn,
@@ -63,6 +64,8 @@ FARTHEST_M = 2.0
 MOST_M, MOST_TURN = 1e3, 2.0
 #: Largest ratio of poses out of an arm's reach, which are left out. Source: our own choice.
 MOST_MISSED = 0.1
+#: Largest difference of a quaternion's norm from 1. Source: our own choice, numbers of four digits.
+UNIT_ERROR = 1e-3
 #: Columns beyond which a table without a header is perhaps transposed. Source: our own choice; a
 #: pair of arms has 76.
 MOST_WIDTH = 300
@@ -218,7 +221,8 @@ def arms_in(path: str | Path, arm: ArmDescription, how: ReadSettings | None = No
 def _table(path: str | Path, how: ReadSettings) -> NumberTable:
     table = read_parquet(path, how.episode) if is_parquet(path) else read_table(path)
     if not len(table.values):
-        raise LogError(table.file, "is empty; allowed: 2 rows or more")
+        empty = "holds no rows of numbers" if table.names else "is empty"
+        raise LogError(table.file, f"{empty}; allowed: 2 rows or more")
     return table
 
 
@@ -420,7 +424,9 @@ def _times(table: NumberTable, place: ScaledColumn | None, how: ReadSettings) ->
         None,
     )
     if place is None and split is not None:
-        return table.values[:, split[0]] + 1e-9 * table.values[:, split[1]], True
+        times = table.values[:, split[0]] + 1e-9 * table.values[:, split[1]]
+        if len(np.unique(times)) > 1:  # 0 where nobody stamped the messages
+            return times, True
     if place is None:
         known = [k for k, name in enumerate(names)
                  if is_time(name) and k not in table.texts
@@ -477,6 +483,12 @@ def _bare_motion(table: NumberTable, arm: ArmDescription, how: ReadSettings) -> 
         )
     parts, count = counts[width - timed]
     values = table.values[:, timed:].reshape(-1, parts, count)
+    if parts == 1 and count == len(PARTS) and _are_quaternions(values[:, 0, 3:]):
+        first = f"{int(timed)}:{int(timed) + len(PARTS)}"
+        raise InputError(
+            f"{table.file}: the last four columns are quaternions of poses, no joints; name them,"
+            f" --columns {'time=0 ' if timed else ''}tip={first} ({', '.join(PARTS)})"
+        )
     if parts == 2 and not _alike(values[:, 0], values[:, 1]):
         raise InputError(
             f"{table.file}: {2 * count} columns are not positions and their velocities; name them,"
@@ -512,6 +524,11 @@ def _rises(column: Array) -> bool:
         return False
     usual = float(np.median(steps))
     return usual > 0.0 and float(np.mean(np.abs(steps - usual) < 0.5 * usual)) > 0.9
+
+
+def _are_quaternions(columns: Array) -> bool:
+    """Return whether the numbers of every row, (k, 4), have the norm of a turn."""
+    return bool((np.abs(np.linalg.norm(columns, axis=1) - 1.0) < UNIT_ERROR).all())
 
 
 def _alike(positions: Array, velocities: Array) -> bool:

@@ -26,7 +26,7 @@ READABLE = (
     "a recording of trocar's own (MCAP), a text file of numbers (plain or gzip), an array (.npy),"
     f" {FORMATS}, a dataset of LeRobot's or one of its Parquet files"
 )
-#: {first bytes of files that are no text: kind, way to a table}. Source: the formats' specifications.
+#: {first bytes of a file that is no text: kind, way to a table}. Source: the formats' documents.
 OTHER_KINDS = {
     b"\xd0\xcf\x11\xe0": ("a spreadsheet (.xls)", "save it as CSV"),
     b"PK\x03\x04": ("a spreadsheet (.xlsx) or another archive", "save it as CSV"),
@@ -46,7 +46,7 @@ COMMENT = "#%/"
 LIST = re.compile(r"\"?[\[(]\s*([-+.\d][^\])]*)[\])]\"?")
 QUOTED = re.compile(r"\"([^\"]*)\"")
 #: Stands for a comma inside quotes while a row is split.
-INNER = "\x1f"
+INNER = "\x01"
 
 
 @dataclass(frozen=True, eq=False)

@@ -415,7 +415,7 @@ class Reading:
         )
 
     def getter(self, *values: Callable[[Any], Any]) -> Callable[..., Any]:
-        """Return a method that returns values of the newest message, and its time if `ral._dated` [s]."""
+        """Return a method that returns values of the newest message, and their time [s]."""
 
         def get(
             age: float | None = None,

@@ -487,12 +487,12 @@ def _bare_motion(table: NumberTable, arm: ArmDescription, how: ReadSettings) -> 
         first = f"{int(timed)}:{int(timed) + len(PARTS)}"
         raise InputError(
             f"{table.file}: the last four columns are quaternions of poses, no joints; name them,"
-            f" --columns {'time=0 ' if timed else ''}tip={first} ({', '.join(PARTS)})"
+            f" --columns {'time=0,' if timed else ''}tip={first} ({', '.join(PARTS)})"
         )
     if parts == 2 and not _alike(values[:, 0], values[:, 1]):
         raise InputError(
             f"{table.file}: {2 * count} columns are not positions and their velocities; name them,"
-            f" e.g. --columns PSM1.position=0:{count} PSM2.position={count}:{2 * count}"
+            f" e.g. --columns PSM1.position=0:{count},PSM2.position={count}:{2 * count}"
         )
     rows = np.zeros((len(values), 3, len(joints)))
     rows[:, :parts, :count] = values

@@ -156,3 +156,21 @@ def test_names_of_python_2_and_imported_files_of_it_give_a_hint(
     (tmp_path / "two.py").write_text('print "two"\n')
     assert play(tmp_path, f"import dvrk\n{text}").status == 1
     assert ("2to3 -w" in capsys.readouterr().err) == hint
+
+
+def test_utils_take_a_namespace_as_before_2_3(tmp_path: Path) -> None:
+    text = """
+import crtk
+class Device:
+    pass
+d = Device()
+u = crtk.utils(d, "PSM1", 0.01)
+u.add_operating_state()
+u.add_measured_js()
+u.add_measured_cp()
+d.home()
+assert len(d.measured_jp()) == 6
+assert d.measured_cp().p[2] < 0.0
+assert [len(part) for part in d.measured_js()] == [6, 6, 6]
+"""
+    assert play(tmp_path, text).status == 0

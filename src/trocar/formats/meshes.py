@@ -155,7 +155,7 @@ class MeshFinder:
         """
         scheme, mark, rest = uri.partition("://")
         if not mark:
-            places = [self._folder / uri]
+            places = [folder / uri for folder in (self._folder, *self._options.packages)]
         elif scheme == "file":
             places = [Path(rest)]
         elif scheme in ("package", "model"):

@@ -597,6 +597,13 @@ class wait_move_handle:  # noqa: N801  as scripts call it
         return self._instance
 
 
+def older_layer(node_name: str, namespace: str = "") -> Any:
+    """Return a layer of the run whose readings have no time, as of dVRK 2.2 and older."""
+    made = utils._layer_of_run(node_name, namespace)
+    made._dated = False
+    return made
+
+
 class utils:  # noqa: N801  as scripts call it
     """Give an object methods that read topics, and methods that publish to them.
 
@@ -605,13 +612,16 @@ class utils:  # noqa: N801  as scripts call it
 
     Args:
         class_instance: the object
-        ral: the layer of the device's namespace
+        ral: the layer of the device's namespace; the namespace itself in dVRK 2.2 and older
         connection_timeout: how long a reading waits for its first message, and how old it may
             become [s]
         operating_state_instance: the object whose operating state ends a move; this one, when it
             has its own
         expected_interval: `connection_timeout` before version 1.4; not needed any more
     """
+
+    #: Class of the layers of a run; set where the modules of a script are made.
+    _layer_of_run: ClassVar[Any]
 
     def __init__(
         self,
@@ -621,6 +631,8 @@ class utils:  # noqa: N801  as scripts call it
         operating_state_instance: Any = None,
         expected_interval: float | None = None,  # noqa: ARG002
     ) -> None:
+        if isinstance(ral, str):  # before dVRK 2.3: a namespace, and a period of messages
+            ral, connection_timeout = older_layer("crtk", ral), 5.0
         self._instance, self._ral = class_instance, ral
         self._timeout = connection_timeout
         self._stateful = operating_state_instance

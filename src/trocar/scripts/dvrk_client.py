@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from trocar.ros.topic import BOOL, COMMAND, EMPTY, FLOAT, STRING
-from trocar.scripts.crtk_client import utils
+from trocar.scripts.crtk_client import older_layer, utils
 from trocar.scripts.dvrk_older import older_call
 
 #: Openings of a jaw that is shut and open. Source: dvrk_python 2.4, psm.jaw. [rad]
@@ -26,22 +26,14 @@ def _add(features: utils, *names: str) -> None:
 
 
 class Versioned(type):
-    """Makes a class of dVRK 2.4 callable as before: by a name, without a layer.
-
-    Attributes:
-        layer: class of the layers of a run; set where the modules of a script are made
-    """
-
-    layer: ClassVar[Any]
+    """Makes a class of dVRK 2.4 callable as before: by a name, without a layer."""
 
     def __call__(cls, *values: Any, **named: Any) -> Any:
         """Make an object, of dVRK 2.2 and older where no layer is given."""
         first = values[0] if values else named.get("ral", named.get("arm_name", ""))
         if not isinstance(first, str):
             return super().__call__(*values, **named)
-        layer = Versioned.layer("dvrk")
-        layer._dated = False
-        return super().__call__(layer, *([first] if first else []))
+        return super().__call__(older_layer("dvrk"), *([first] if first else []))
 
 
 class _Part:

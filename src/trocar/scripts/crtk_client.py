@@ -599,7 +599,7 @@ class wait_move_handle:  # noqa: N801  as scripts call it
 
 def older_layer(node_name: str, namespace: str = "") -> Any:
     """Return a layer of the run whose readings have no time, as of dVRK 2.2 and older."""
-    made = utils._layer_of_run(node_name, namespace)
+    made = utils._layer_of_run(node_name, namespace)  # pyright: ignore[reportPrivateUsage] - hidden from scripts
     made._dated = False
     return made
 

@@ -15,7 +15,7 @@ import trimesh
 from tests.formats.texts import SDF, URDF
 from trocar.descriptions import load_arm, meshes
 from trocar.errors import DescriptionError, InputError
-from trocar.formats.importing import import_file
+from trocar.formats.importing import ImportOptions, import_file
 from trocar.formats.surfaces import read_surface
 
 BOX = '<box size="0.2 0.2 0.1"/>'
@@ -122,3 +122,13 @@ def test_a_normal_that_is_no_number_is_not_logged(tmp_path: Path, caplog) -> Non
     file.write_text("\n".join(["solid s", *rows, "endloop", "endfacet", "endsolid s", ""]))
     assert len(read_surface(file).whole.faces) == 1
     assert not caplog.records
+
+
+def test_a_name_without_a_folder_is_looked_for_in_package_folders(tmp_path: Path) -> None:
+    cube(tmp_path / "meshes" / "a.stl")
+    file = tmp_path / "robot.urdf"
+    file.write_text(URDF.replace(BOX, '<mesh filename="a.stl"/>'), encoding="utf-8")
+    with pytest.raises(InputError, match=r"'a.stl' not found .* --package-path DIR"):
+        import_file(file, tmp_path / "out")
+    options = ImportOptions(packages=(tmp_path / "meshes",))
+    assert import_file(file, tmp_path / "out", options).triangles >= 12

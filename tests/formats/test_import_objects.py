@@ -126,3 +126,25 @@ def test_nothing_is_written_over(tmp_path: Path) -> None:
     assert [p.name for p in out.iterdir()] == ["mine.txt"]
     import_file(tmp_path / "box.stl", out, ImportOptions(overwrite=True))
     assert sorted(p.name for p in out.iterdir()) == ["box.toml", "meshes", "mine.txt"]
+
+
+@pytest.mark.parametrize("empty", ["<{0}/>", "<{0}><geometry/></{0}>"])
+@pytest.mark.parametrize("part", ["visual", "collision"])
+@pytest.mark.parametrize("kind", ["urdf", "sdf"])
+def test_a_part_without_a_shape_is_ignored_with_a_warning(
+    kind: str, part: str, empty: str, tmp_path: Path
+) -> None:
+    size = "0.1 0.1 0.1"
+    shape = f'<box size="{size}"/>' if kind == "urdf" else f"<box><size>{size}</size></box>"
+    body = f'<link name="l"><visual><geometry>{shape}</geometry></visual>{{}}</link>'
+    robot = f'<robot name="a">{body}</robot>'
+    model = f'<sdf version="1.9"><model name="a">{body}</model></sdf>'
+    sizes: list[object] = []
+    for name, more in (("without", ""), ("with", empty.format(part))):
+        file = tmp_path / f"{name}.{kind}"
+        text = (robot if kind == "urdf" else model).format(more)
+        file.write_text(text.replace(f"<{part}", f'<{part} name="{name}"'), encoding="utf-8")
+        found = import_file(file, tmp_path / name)
+        sizes.append((found.size, found.triangles, found.pieces))
+    assert sizes[0] == sizes[1]
+    assert any(f"<{part}> without a shape is ignored" in text for text in found.warnings)

@@ -163,7 +163,7 @@ def test_a_script_that_looks_gets_a_rig_with_a_camera():
 @pytest.mark.parametrize(
     ("text", "hint"),
     [
-        ("dvrk.psm('PSM1')", True),
+        ("dvrk.psm('PSM1').get_current_nonsense()", True),
         ("dvrk.psm(ral, 'PSM1').move_jp([0.0] * 6, blocking=True)", True),
         ("dvrk.psm(ral, 'PSM1').get_current_position()", True),
         ("dvrk.psm(ral, 'PSM1').measured_cp().p", True),

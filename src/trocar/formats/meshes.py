@@ -155,7 +155,7 @@ class MeshFinder:
         """
         scheme, mark, rest = uri.partition("://")
         if not mark:
-            places = [self._folder / uri]
+            places = [folder / uri for folder in (self._folder, *self._options.packages)]
         elif scheme == "file":
             places = [Path(rest)]
         elif scheme in ("package", "model"):
@@ -201,6 +201,15 @@ class MeshFinder:
         raise node.fail(
             f"{uri!r} not found (searched {near}); add its folder with --package-path DIR"
         )
+
+    def geometry(self, owner: XmlNode) -> XmlNode | None:
+        """Return the <geometry> of a <visual> or <collision>; note and pass over an empty one."""
+        found = owner.child("geometry")
+        shapes = [] if found is None else found.children()
+        if not shapes or [shape.tag for shape in shapes] == ["empty"]:
+            self.notes[f"<{owner.tag}> without a shape is ignored"] = None
+            return None
+        return found
 
     def visual(self, node: XmlNode, pose: Array, material: str) -> list[Shape]:
         """Return the visible shapes of a <geometry> at T_link_shape, (4, 4).

@@ -790,11 +790,12 @@ class _SdfModel:
         node.check((*LINK_PARTS, *LINK_PASSED_OVER, "sensor", "light"))
         shapes: list[Shape] = []
         for visual in node.children("visual"):
-            geometry, material = visual.need("geometry"), self._material(visual)
-            shapes += self._finder.visual(geometry, _own_pose(visual), material)
+            material = self._material(visual)
+            if (geometry := self._finder.geometry(visual)) is not None:
+                shapes += self._finder.visual(geometry, _own_pose(visual), material)
         for collision in node.children("collision"):
-            geometry = collision.need("geometry")
-            shapes += self._finder.collision(geometry, _own_pose(collision))
+            if (geometry := self._finder.geometry(collision)) is not None:
+                shapes += self._finder.collision(geometry, _own_pose(collision))
         link = Link(self.named(node.attribute("name")), shapes=tuple(shapes))
         inertial = node.child("inertial")
         if inertial is None:  # the format's default; none for an empty link fixed to the world

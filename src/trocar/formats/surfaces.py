@@ -7,6 +7,7 @@ the header of STL.
 
 from __future__ import annotations
 
+import io
 import logging
 import re
 from collections.abc import Iterator, Sequence
@@ -21,6 +22,7 @@ from PIL import Image
 
 from trocar.descriptions.meshes import MOST_BYTES, MOST_TRIANGLES, Mesh, lfs_problem, welded
 from trocar.errors import MissingExtraError
+from trocar.formats.collada import mended_collada
 from trocar.formats.links import ImportFileError, material_of
 from trocar.inputs import is_file
 
@@ -108,15 +110,18 @@ def read_surface(path: Path, unit: str = "", up: str = "", part: str = "") -> Me
     """
     _check_file(path)
     trimesh = trimesh_library()
-    if path.suffix.lower() == ".dae" and find_spec("collada") is None:
+    split, collada = path.suffix.lower() == ".obj", path.suffix.lower() == ".dae"
+    if collada and find_spec("collada") is None:
         raise MissingExtraError("pycollada", "convex", "reading DAE files")
-    split = path.suffix.lower() == ".obj"
+    mended, lacking = mended_collada(path) if collada else (b"", [])
     log = logging.getLogger("trimesh")
     before = log.level
     log.setLevel(logging.CRITICAL)  # of facets without normals it logs a traceback
     try:
         found = trimesh.load(
-            path,
+            io.BytesIO(mended) if collada else path,
+            file_type="dae" if collada else None,
+            resolver=trimesh.resolvers.FilePathResolver(path) if collada else None,
             force="scene",
             process=False,
             **(dict.fromkeys(("split_objects", "split_groups"), True) if split else {}),
@@ -137,7 +142,7 @@ def read_surface(path: Path, unit: str = "", up: str = "", part: str = "") -> Me
     metres, turn, notes = _conventions(path, unit, up)
     meshes = [Mesh(*welded(metres * v @ turn.T, faces)) for v, faces, _ in parts]
     looks, more = _looks(meshes, [look for _, _, look in parts])
-    said = [*notes, *more, *(_missing_looks(path) if split else ())]
+    said = [*notes, *lacking, *more, *(_missing_looks(path) if split else ())]
     groups = tuple(meshes) if split else (joined(meshes),)
     return MeshSurface(looks, groups, tuple(f"{path.name}: {text}" for text in said))
 

@@ -509,7 +509,8 @@ def _read_link(node: XmlNode, materials: dict[str, str], finder: MeshFinder) -> 
             name = looks.attribute("name", "")
             material = _read_material(looks, finder) or (materials.get(name, "") if name else "")
             materials[name] = material
-        shapes += finder.visual(visual.need("geometry"), _read_origin(visual), material)
+        if (geometry := finder.geometry(visual)) is not None:
+            shapes += finder.visual(geometry, _read_origin(visual), material)
     contact, friction = node.child("contact"), None
     if contact is not None:
         contact.check(CONTACT)
@@ -517,8 +518,9 @@ def _read_link(node: XmlNode, materials: dict[str, str], finder: MeshFinder) -> 
         friction = None if lateral is None else lateral.number("value")
     for collision in node.children("collision"):
         collision.check(("origin", "geometry", "verbose", "material"))
-        touched = finder.collision(collision.need("geometry"), _read_origin(collision))
-        shapes += [replace(shape, friction=friction) for shape in touched]
+        if (geometry := finder.geometry(collision)) is not None:
+            touched = finder.collision(geometry, _read_origin(collision))
+            shapes += [replace(shape, friction=friction) for shape in touched]
     inertial = node.child("inertial")
     link = Link(node.attribute("name"), shapes=tuple(shapes))
     if inertial is None:

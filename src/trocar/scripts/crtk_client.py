@@ -39,6 +39,8 @@ class ral:  # noqa: N801  as scripts call it
 
     #: rospy beneath every layer of a run; set where the modules of a script are made.
     _node_of_run: ClassVar[Any]
+    #: Whether readings come with their time, as in dVRK 2.4.
+    _dated = True
 
     def __init__(self, node_name: str, namespace: str = "", node: Any = None) -> None:  # noqa: ARG002
         self._node_name, self._namespace = node_name, namespace.strip("/")
@@ -74,6 +76,7 @@ class ral:  # noqa: N801  as scripts call it
         if child_namespace in self._children:
             raise RuntimeError(f'ral object already has child "{child_namespace}"!')
         child = type(self)(self._node_name, self._named(child_namespace), self._node)
+        child._dated = self._dated
         self._children[child_namespace] = child
         return child
 
@@ -412,16 +415,19 @@ class Reading:
         )
 
     def getter(self, *values: Callable[[Any], Any]) -> Callable[..., Any]:
-        """Return a method that returns values of the newest message, and its time [s]."""
+        """Return a method that returns values of the newest message, and their time [s]."""
 
         def get(
             age: float | None = None,
             wait: float | None = None,
             extra: Any = None,  # noqa: ARG001  before 1.4: with its time
             wait_timeout: float | None = None,
-        ) -> tuple[Any, ...]:
+        ) -> Any:
             message = self.message(age, wait if wait_timeout is None else wait_timeout)
-            return (*(value(message) for value in values), self._ral.to_sec(message))
+            found = [value(message) for value in values]
+            if not self._ral._dated:
+                return found[0] if len(found) == 1 else tuple(found)
+            return (*found, self._ral.to_sec(message))
 
         get.__name__ = self._name
         return get
@@ -591,6 +597,13 @@ class wait_move_handle:  # noqa: N801  as scripts call it
         return self._instance
 
 
+def older_layer(node_name: str, namespace: str = "") -> Any:
+    """Return a layer of the run whose readings have no time, as of dVRK 2.2 and older."""
+    made = utils._layer_of_run(node_name, namespace)  # pyright: ignore[reportPrivateUsage] - hidden from scripts
+    made._dated = False
+    return made
+
+
 class utils:  # noqa: N801  as scripts call it
     """Give an object methods that read topics, and methods that publish to them.
 
@@ -599,13 +612,16 @@ class utils:  # noqa: N801  as scripts call it
 
     Args:
         class_instance: the object
-        ral: the layer of the device's namespace
+        ral: the layer of the device's namespace; the namespace itself in dVRK 2.2 and older
         connection_timeout: how long a reading waits for its first message, and how old it may
             become [s]
         operating_state_instance: the object whose operating state ends a move; this one, when it
             has its own
         expected_interval: `connection_timeout` before version 1.4; not needed any more
     """
+
+    #: Class of the layers of a run; set where the modules of a script are made.
+    _layer_of_run: ClassVar[Any]
 
     def __init__(
         self,
@@ -615,6 +631,8 @@ class utils:  # noqa: N801  as scripts call it
         operating_state_instance: Any = None,
         expected_interval: float | None = None,  # noqa: ARG002
     ) -> None:
+        if isinstance(ral, str):  # before dVRK 2.3: a namespace, and a period of messages
+            ral, connection_timeout = older_layer("crtk", ral), 5.0
         self._instance, self._ral = class_instance, ral
         self._timeout = connection_timeout
         self._stateful = operating_state_instance

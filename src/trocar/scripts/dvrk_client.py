@@ -1,4 +1,8 @@
-"""`dvrk`, the Python classes of arms and console that dvrk_python 2.4 has, over `crtk`."""
+"""`dvrk`, the Python classes of arms and console that dvrk_python 2.4 has, over `crtk`.
+
+Called by a name alone, `dvrk.psm("PSM1")`, an arm is that of dVRK 2.2 and older: its readings have
+no time, and it has the calls of dVRK 1.x, too.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from trocar.ros.topic import BOOL, COMMAND, EMPTY, FLOAT, STRING
-from trocar.scripts.crtk_client import utils
+from trocar.scripts.crtk_client import older_layer, utils
+from trocar.scripts.dvrk_older import older_call
 
 #: Openings of a jaw that is shut and open. Source: dvrk_python 2.4, psm.jaw. [rad]
 SHUT, OPEN = math.radians(-20.0), math.radians(60.0)
@@ -20,6 +25,17 @@ def _add(features: utils, *names: str) -> None:
         getattr(features, f"add_{name}")()
 
 
+class Versioned(type):
+    """Makes a class of dVRK 2.4 callable as before: by a name, without a layer."""
+
+    def __call__(cls, *values: Any, **named: Any) -> Any:
+        """Make an object, of dVRK 2.2 and older where no layer is given."""
+        first = values[0] if values else named.get("ral", named.get("arm_name", ""))
+        if not isinstance(first, str):
+            return super().__call__(*values, **named)
+        return super().__call__(older_layer("dvrk"), *([first] if first else []))
+
+
 class _Part:
     """A part of an arm with a namespace of its own."""
 
@@ -27,7 +43,7 @@ class _Part:
         _add(utils(self, ral.create_child(namespace), timeout), *names)
 
 
-class arm:  # noqa: N801  as scripts call it
+class arm(metaclass=Versioned):  # noqa: N801  as scripts call it
     """An arm of the dVRK.
 
     Args:
@@ -62,6 +78,15 @@ class arm:  # noqa: N801  as scripts call it
         self._set_ratio = publisher(self._ral, "trajectory_j/set_ratio", FLOAT, latch=True)
         self._ratio = 1.0
         self._ral._listen("trajectory_j/ratio", FLOAT, self._heard_ratio)
+
+    def __getattr__(self, name: str) -> Any:
+        """Return a call of dVRK 1.x, of an arm that was made as there."""
+        made = self.__dict__.get("_ral")
+        found = None if made is None or made._dated else older_call(self, name)
+        if found is None:
+            kind = type(self).__name__
+            raise AttributeError(f"{kind!r} object has no attribute {name!r}", name=name, obj=self)
+        return found
 
     def name(self) -> str:
         """Return the arm's name."""
@@ -114,6 +139,11 @@ def publisher(ral: Any, topic: str, kind: str, *, latch: bool = False) -> Callab
     return publish
 
 
+def _value(ral: Any, reading: Any) -> Any:
+    """Return a reading without its time."""
+    return reading[0] if ral._dated else reading
+
+
 class _Deep(arm):
     """An arm that can go in along its shaft."""
 
@@ -122,7 +152,7 @@ class _Deep(arm):
 
     def insert_jp(self, depth: float) -> Any:
         """Move the insertion alone, to a depth [m]; return a handle."""
-        goal = np.copy(self.setpoint_jp()[0])
+        goal = np.copy(_value(self._ral, self.setpoint_jp()))
         goal[2] = depth
         return self.move_jp(goal)
 
@@ -193,10 +223,10 @@ class mtm(arm):  # noqa: N801  as scripts call it
         Raises:
             RuntimeError: it is not known
         """
-        current, when = self.setpoint_cp()
-        if not when:
+        current = self.setpoint_cp()
+        if self._ral._dated and not current[1]:
             raise RuntimeError("setpoint_cp is not valid")
-        self.lock_orientation(current.M)
+        self.lock_orientation(_value(self._ral, current).M)
 
     def lock_orientation(self, orientation: Any) -> None:
         """Let the gimbal hold an orientation."""
@@ -227,7 +257,7 @@ class _SetupArm:
         return self._ral
 
 
-class suj:  # noqa: N801  as scripts call it
+class suj(metaclass=Versioned):  # noqa: N801  as scripts call it
     """The setup joints.
 
     Attributes:
@@ -244,7 +274,7 @@ class suj:  # noqa: N801  as scripts call it
         return self._ral
 
 
-class console:  # noqa: N801  as scripts call it
+class console(metaclass=Versioned):  # noqa: N801  as scripts call it
     """The surgeon's console: teleoperation of the whole system."""
 
     def __init__(self, ral: Any, console_name: str = "console") -> None:
@@ -294,7 +324,7 @@ class console:  # noqa: N801  as scripts call it
         return self._selected.get(teleop_name, False)
 
 
-class system:  # noqa: N801  as scripts call it
+class system(metaclass=Versioned):  # noqa: N801  as scripts call it
     """The whole robot: power, homing, sounds."""
 
     def __init__(self, ral: Any, system_namespace: str = "system") -> None:
@@ -337,7 +367,7 @@ class system:  # noqa: N801  as scripts call it
         self._speak(string)
 
 
-class teleop_psm:  # noqa: N801  as scripts call it
+class teleop_psm(metaclass=Versioned):  # noqa: N801  as scripts call it
     """A component that lets an instrument follow a master."""
 
     def __init__(self, ral: Any, teleop_name: str) -> None:

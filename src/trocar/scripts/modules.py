@@ -83,6 +83,7 @@ def client_modules(layer: type, edition: Edition = 1) -> dict[str, ModuleType]:
     names = ("utils", "wait_move_handle", "joystick_button", "measured_cp", *CONVERSIONS)
     crtk_names = {"ral": layer, **{name: getattr(crtk_client, name) for name in names}}
     crtk_names |= crtk_client.makers(edition)
+    crtk_client.utils._layer_of_run = layer  # pyright: ignore[reportPrivateUsage] - hidden from scripts
     dvrk_names = {name: getattr(dvrk_client, name) for name in DVRK}
     made = _module("crtk", crtk_names, "CRTK's client.")
     conv = _module("crtk.msg_conversions", {n: crtk_names[n] for n in CONVERSIONS}, "Conversions.")

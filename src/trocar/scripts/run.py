@@ -130,10 +130,21 @@ def _compiled(script: Path) -> CodeType:
 
 def _wrong_line(problem: SyntaxError) -> str:
     """Return line and cause of a syntax error, and a hint at a script for Python 2."""
-    text = str(problem.msg)
-    older = "print" in text or "exec" in text or "inconsistent use of tabs" in text
-    hint = "; a script for Python 2 has to be converted first (2to3 -w)" if older else ""
-    return f"line {problem.lineno}: {text}{hint}"
+    hint = f"; {PYTHON_2}" if _is_python_2(problem) else ""
+    return f"line {problem.lineno}: {problem.msg}{hint}"
+
+
+PYTHON_2 = "a script for Python 2 has to be converted first (2to3 -w)"
+#: Built-in names of Python 2. Source: docs.python.org, What's new in Python 3.0.
+NAMES_2 = ("raw_input", "xrange", "unicode", "unichr", "basestring", "long", "reload", "execfile")
+
+
+def _is_python_2(problem: BaseException) -> bool:
+    """Return whether an error comes of a script for Python 2."""
+    if isinstance(problem, SyntaxError):
+        text = str(problem.msg)
+        return "print" in text or "exec" in text or "inconsistent use of tabs" in text
+    return isinstance(problem, NameError) and problem.name in NAMES_2
 
 
 def _execute(
@@ -203,6 +214,8 @@ def _print_error(script: Path, problem: BaseException) -> None:
     while tb is not None and tb.tb_frame.f_code.co_filename != str(script):
         tb = tb.tb_next
     traceback.print_exception(type(problem), problem, tb or problem.__traceback__)
+    if _is_python_2(problem):
+        sys.stderr.write(f"trocar: {PYTHON_2}\n")
     if _is_older_call(problem):
         sys.stderr.write(f"trocar: {OLDER}\n")
     source = sys.modules.get(str(getattr(problem, "name", None)))
@@ -213,7 +226,8 @@ def _print_error(script: Path, problem: BaseException) -> None:
 #: Hint at calls of another version.
 OLDER = (
     "crtk and dvrk are those of dVRK 2.4, whose readings are (value, time) and whose arms take a"
-    " ral first; for a script of 2.3 put its dvrk_python and crtk on PYTHONPATH"
+    " ral first; an arm that is made by its name alone has the calls of 2.2 and 1.x; for a script"
+    " of 2.3 put its dvrk_python and crtk on PYTHONPATH"
 )
 
 

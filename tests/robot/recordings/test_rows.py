@@ -156,7 +156,8 @@ def damaged_gzip(path: Path) -> None:
         (
             absent,
             "no such file; allowed: a recording of trocar's own (MCAP), a text file of numbers"
-            " (plain or gzip), rosbag 1 (.bag), rosbag 2, MCAP, a dataset of LeRobot's",
+            " (plain or gzip), an array (.npy), rosbag 1 (.bag), rosbag 2, MCAP, a dataset of"
+            " LeRobot's",
         ),
         (picture, "is not text"),
         (endless, "row too long"),

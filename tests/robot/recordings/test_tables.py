@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from trocar.descriptions import load_arm
 from trocar.errors import InputError, LogError, UnknownNameError
+from trocar.geometry.rotations import quaternion_from_matrix, rpy_from_matrix
 from trocar.kinematics.chain_pose import chain_pose
 from trocar.robot.recordings import ReadSettings, read_arm_motion, tip_motions
 from trocar.robot.recordings.columns import taken_apart
@@ -282,8 +283,8 @@ def test_jigsaws_columns_are_known(tmp_path: Path) -> None:
         (["time", "yaw_position", "pitch_position"], "lacks columns insertion_position, roll"),
         (["time", "a", "b"], "has no columns of the joints of psm: time, a, b; allowed"),
         (
-            ["time", "yaw_position", "pitch_position", "insertion_position"],
-            "lacks columns roll_pos",
+            ["time", "yaw_position", "pitch_position", "insertion_position", "roll_position"],
+            "lacks columns wrist_pitch_position, wrist_yaw_.* --columns position=NAME1",
         ),
     ],
 )
@@ -347,7 +348,7 @@ def test_a_dataset_is_read_episode_by_episode(tmp_path: Path) -> None:
         ("measured_q2", ("", False, "position", 2)),
         ("setpoint_q2", ("", True, "position", 2)),
         ("psm2.outer_wrist_yaw.vel", ("PSM2", False, "velocity", "wrist_yaw")),
-        ("PSM1_ee_yaw", ("PSM1", False, "other", None)),
+        ("PSM1_ee_yaw", ("PSM1", False, "tip", "yaw")),
         ("PSM1_orientation_matrix_[2,3]", ("PSM1", False, "tip", "r5")),
         ("SLAVE_LEFT_ROT_R12", ("slave_left", False, "tip", "r1")),
         ("SLAVE_LEFT_LIN_VEL_X", ("slave_left_lin_x", False, "velocity", None)),
@@ -373,3 +374,198 @@ def test_a_header_over_groups_of_columns_numbers_them(tmp_path: Path) -> None:
     for names in (header, header[:8]):
         path = csv(tmp_path / "log.csv", names, table)
         np.testing.assert_allclose(read_arm_motion(path, PSM).rows[:, 0], q, atol=1e-9)
+
+
+WRIST = ("roll", "wrist_pitch", "wrist_yaw", "jaw")
+
+
+@pytest.mark.parametrize("header", [True, False])
+def test_the_first_three_joints_alone_are_read(tmp_path: Path, header: bool) -> None:
+    time, q, v = motion(200.0, 300)
+    table = np.column_stack([q[:, :3], v[:, :3], 0.1 * q[:, :3]])
+    names = [f"{joint}_{what}" for what in ("position", "velocity", "effort")
+             for joint in JOINTS[:3]]  # fmt: skip
+    if header:
+        path = csv(tmp_path / "log.csv", ["time", *names], np.column_stack([time, table]))
+    else:
+        path = csv(tmp_path / "log.csv", [], table)
+    found = read_arm_motion(path, PSM)
+    np.testing.assert_allclose(found.rows[:, 0], np.column_stack([q[:, :3], 0 * q[:, 3:]]))
+    assert [sorted(known) for known in found.recorded] == [sorted(JOINTS[:3])] * 3
+    assert f"3 joints at 200.0 Hz, no {', '.join(WRIST)} (at 0)" in found.understood()
+    with pytest.raises(LogError, match="holds no roll, wrist_pitch, wrist_yaw: the tip"):
+        tip_motions(path)
+
+
+def test_three_bare_columns_are_refused_with_the_option_that_reads_them(tmp_path: Path) -> None:
+    _, q, _ = motion(200.0, 300)
+    path = csv(tmp_path / "log.csv", [], q[:, :3])
+    with pytest.raises(LogError, match=r"got 3 columns; .* e.g. --columns position=0:3"):
+        read_arm_motion(path, PSM)
+    how = ReadSettings(columns=("position=0:3",), rate_hz=200.0)
+    np.testing.assert_allclose(read_arm_motion(path, PSM, how).rows[:, 0, :3], q[:, :3])
+
+
+#: Headers of several rows, as spreadsheets and pandas write them.
+HEADS = {
+    "name, unit": (["time", *JOINTS], ["s", *("m" if j == "insertion" else "rad" for j in JOINTS)]),
+    "joint, quantity": (["", *JOINTS], ["time", *["position"] * 7]),
+    "arm, joint": (["", "PSM1", *[""] * 6], ["time", *JOINTS]),
+    "quantity, number": (["", "PSM1 position", *[""] * 6], ["t [s]", *"1234567"]),
+    "arm, quantity, joint": (
+        ["", "PSM1", *[""] * 6],
+        ["", "position", *[""] * 6],
+        ["time", *(f"q{k}" for k in range(1, 8))],
+    ),
+    "one name": (["time", *["position"] * 7],),
+    "group of blanks": (["time", "current joint positions"],),
+    "preamble": (["coefficient:", "0.25"], ["time", *JOINTS]),
+    "words before": (["Recorded by", "the lab"], ["operator 3"], ["time", *JOINTS]),
+    "blank rows before": ([""] * 5, ["time", *JOINTS]),
+    "numbered by pandas": (["", *map(str, range(8))],),
+    "title": (["log of PSM1"], ["rate", "30"], ["time", *JOINTS]),
+}
+
+
+@pytest.mark.parametrize("heads", HEADS.values(), ids=HEADS)
+def test_rows_of_words_before_the_numbers_are_a_header(
+    tmp_path: Path, heads: Sequence[Sequence[str]]
+) -> None:
+    time, q, _ = motion()
+    indexed = heads[-1][1] == "0"
+    table = np.column_stack([np.arange(len(time)), time, q] if indexed else [time, q])
+    path = csv(tmp_path / "log.csv", [], table)
+    head = "\n".join(",".join(head) for head in heads)
+    path.write_text(f"{head}\n\n{path.read_text()}" if len(heads) == 3 else
+                    f"{head}\n{path.read_text()}")  # fmt: skip
+    how = ReadSettings(wrist="joint")
+    np.testing.assert_allclose(read_arm_motion(path, PSM, how).rows[:, 0], q, atol=1e-9)
+
+
+def test_lines_before_a_table_are_said_to_be_left_out(tmp_path: Path) -> None:
+    time, q, _ = motion()
+    path = csv(tmp_path / "log.csv", ["time", *JOINTS], np.column_stack([time, q]))
+    path.write_text(f"coefficient:,0.25\n{path.read_text()}")
+    assert "1 lines before the table left out" in read_arm_motion(path, PSM).understood()
+
+
+def test_an_array_of_numpy_is_read_as_rows_are(tmp_path: Path) -> None:
+    time, q, _ = motion()
+    np.save(tmp_path / "log.npy", np.column_stack([time, q]))
+    how = ReadSettings(wrist="joint")
+    np.testing.assert_allclose(read_arm_motion(tmp_path / "log.npy", PSM, how).rows[:, 0], q)
+
+
+@pytest.mark.parametrize(
+    ("array", "problem"),
+    [
+        (np.zeros(3), "has 1 dimensions; allowed: 2"),
+        (np.array([{"a": 1}]), "cannot be read: Object arrays"),
+        (np.zeros((7, 400)), "transposed"),
+    ],
+)
+def test_arrays_of_another_shape_are_refused(tmp_path: Path, array: Array, problem: str) -> None:
+    np.save(tmp_path / "log.npy", array)
+    with pytest.raises(LogError, match=problem):
+        read_arm_motion(tmp_path / "log.npy", PSM)
+
+
+@pytest.mark.parametrize(
+    ("names", "how"),
+    [
+        (("Rot R", "Rot P", "Rot Y", "Pos X", "Pos Y", "Pos Z"), {}),
+        (("ee_roll_deg", "ee_pitch_deg", "ee_yaw_deg", "ee_x", "ee_y", "ee_z"), {}),
+        ((), {"columns": ("time=0", "rpy=1:4", "tip=4:7")}),
+    ],
+)
+def test_poses_of_a_tip_by_three_angles_become_joints(
+    tmp_path: Path, names: Sequence[str], how: dict[str, tuple[str, ...]]
+) -> None:
+    time, q, _ = motion(count=20)
+    poses = chain_pose(PSM.mechanism)(q)
+    rpy = np.array([rpy_from_matrix(pose[:3, :3]) for pose in poses])
+    if names and names[0].endswith("deg"):
+        rpy = np.degrees(rpy)
+    header = ["t", *names] if names else []
+    path = csv(tmp_path / "log.csv", header, np.column_stack([time, rpy, poses[:, :3, 3]]))
+    found = read_arm_motion(path, PSM, ReadSettings(**how))
+    np.testing.assert_allclose(found.rows[:, 0, :6], q[:, :6], atol=1e-6)
+    assert "joints from poses of the tip" in found.understood()
+
+
+def test_a_header_that_is_written_again_is_left_out(tmp_path: Path) -> None:
+    time, q, _ = motion()
+    path = csv(tmp_path / "log.csv", ["time", *JOINTS], np.column_stack([time, q]))
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines[:30], lines[0], *lines[30:]]))
+    found = read_arm_motion(path, PSM)
+    np.testing.assert_allclose(found.rows[:, 0], q, atol=1e-9)
+    assert "the header written again 1 times left out" in found.understood()
+
+
+def test_lists_in_fields_are_columns_as_converters_of_bags_write_them(tmp_path: Path) -> None:
+    time, q, v = motion()
+    head = "timestamp,header.stamp.sec,header.stamp.nanosec,header.frame_id,name,position,velocity"
+    lines = ["# Topic: /PSM1/measured_js", "# Type: sensor_msgs/msg/JointState", f"{head},effort"]
+    names = ", ".join(repr(name) for name in JOINTS[:6])
+    for t, row, speed in zip(time, q, v, strict=True):
+        sec, nano = 1_700_000_000 + int(t), round(1e9 * (t % 1.0))
+        lists = ",".join(f'"{values[:6].tolist()}"' for values in (row, speed))
+        lines.append(f'{sec}{nano:09},{sec},{nano},,"[{names}]",{lists},[]')
+    (tmp_path / "PSM1_measured_js.csv").write_text("\n".join(lines))
+    found = read_arm_motion(tmp_path / "PSM1_measured_js.csv", PSM)
+    np.testing.assert_allclose(found.rows[:, 0, :6], q[:, :6], atol=1e-9)
+    np.testing.assert_allclose(found.rows[:, 1, :6], v[:, :6], atol=1e-9)
+    assert found.rate_hz == pytest.approx(30.0)
+
+
+@pytest.mark.parametrize(
+    ("start", "problem"),
+    [
+        (b"\xd0\xcf\x11\xe0\xa1\xb1", "is a spreadsheet .*: save it as CSV"),
+        (b"PK\x03\x04\x14", "is a spreadsheet .*: save it as CSV"),
+        (b"MATLAB 5.0 MAT-file", "is a MAT-file: write its table"),
+        (b"\x89HDF\r\n", "is an HDF5 file"),
+        (b"\x80\x04\x95", "is a pickle"),
+    ],
+)
+def test_files_of_other_programs_are_refused_with_a_way(
+    tmp_path: Path, start: bytes, problem: str
+) -> None:
+    (tmp_path / "log").write_bytes(start + bytes(100))
+    with pytest.raises(LogError, match=problem):
+        read_arm_motion(tmp_path / "log", PSM)
+
+
+def test_bare_poses_are_not_taken_for_joints(tmp_path: Path) -> None:
+    time, q, _ = motion()
+    poses = chain_pose(PSM.mechanism)(q)
+    turns = np.array([quaternion_from_matrix(pose[:3, :3])[[1, 2, 3, 0]] for pose in poses])
+    path = csv(tmp_path / "log.txt", [], np.column_stack([time, poses[:, :3, 3], turns]), " ")
+    with pytest.raises(InputError, match="are quaternions of poses, no joints; name them, --colu"):
+        read_arm_motion(path, PSM)
+    how = ReadSettings(columns=("time=0", "tip=1:8"))
+    np.testing.assert_allclose(read_arm_motion(path, PSM, how).rows[:, 0, :6], q[:, :6], atol=1e-6)
+
+
+def test_stamps_that_nobody_set_are_no_times(tmp_path: Path) -> None:
+    time, q, _ = motion()
+    stamp = "header.stamp.secs", "header.stamp.nsecs"
+    header = ["Time", *stamp, *(f"position_{k}" for k in range(6))]
+    none = np.zeros((len(time), 2))
+    path = csv(tmp_path / "log.csv", header, np.column_stack([time, none, q[:, :6]]))
+    assert read_arm_motion(path, PSM).rate_hz == pytest.approx(30.0)
+
+
+def test_rows_in_brackets_are_read(tmp_path: Path) -> None:
+    _, q, _ = motion()
+    lines = [f"[ {'  '.join(f'{value:.9e}' for value in row)} ]" for row in q]
+    (tmp_path / "log.txt").write_text("\n".join(lines))
+    how = ReadSettings(rate_hz=30.0, wrist="joint")
+    np.testing.assert_allclose(read_arm_motion(tmp_path / "log.txt", PSM, how).rows[:, 0], q)
+
+
+def test_a_file_of_words_alone_holds_no_numbers(tmp_path: Path) -> None:
+    (tmp_path / "log.jsonl").write_text('{"t": 0, "q": "a"}\n{"t": 1, "q": "b"}\n')
+    with pytest.raises(LogError, match="holds no rows of numbers"):
+        read_arm_motion(tmp_path / "log.jsonl", PSM)

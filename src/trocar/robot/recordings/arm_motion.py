@@ -115,7 +115,8 @@ class ArmMotion:
         words = [f"{len(positions)} joints at {self.rate_hz:.1f} Hz"]
         absent = [joint for joint in self.joints if joint not in positions]
         if absent:
-            words.append(f"no {', '.join(absent)}")
+            held = " (at 0)" if len(absent) > 1 else ""
+            words.append(f"no {', '.join(absent)}{held}")
         if not velocities:
             words.append("velocities by differences")
         if not efforts:

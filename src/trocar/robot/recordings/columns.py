@@ -54,12 +54,14 @@ FEWEST_JOINTS = 3
 PARTS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 #: Topics of dVRK 1.x. Source: its robot's topics, 1.4 to 1.7.
 OLD_NAMES = re.compile(r"(state|position)_(joint|jaw)_current")
+#: Angles of a tip about fixed axes: R = R_z(yaw) R_y(pitch) R_x(roll). Source: URDF; PyKDL, GetRPY.
+ANGLES = ("roll", "pitch", "yaw")
 PLACE_WORDS = frozenset(["position", "translation", "trans", "xyz", "p"])
 TURN_WORDS = frozenset(("r", "rot", "rotation", "rotm", "orientation", "matrix"))
 #: "position=1:8[deg]" or "PSM1.jaw=gripper". Places count from 0, the last one left out.
 CHOSEN = re.compile(r"(?:(?P<arm>[\w-]+)\.)?(?P<what>[a-z]+)=(?P<place>[^=\[\]]+)"
                     r"(?:\[(?P<units>[^\[\]]*)\])?")  # fmt: skip
-WHATS = ("time", "position", "velocity", "effort", "jaw", "tip", "quaternion", "rotation")
+WHATS = ("time", "position", "velocity", "effort", "jaw", "tip", "quaternion", "rotation", "rpy")
 
 
 @dataclass(frozen=True)
@@ -77,8 +79,8 @@ class ArmPlaces:
     Attributes:
         label: name of the arm in the table, "" where it has none
         position, velocity, effort: {joint: its column}
-        tip: {part of the tip's pose: its column}; parts are x y z, and qx qy qz qw or r0 ... r8,
-            the rotation matrix row by row
+        tip: {part of the tip's pose: its column}; parts are x y z, and qx qy qz qw, r0 ... r8, the
+            rotation matrix row by row, or `ANGLES`
     """
 
     label: str
@@ -90,7 +92,7 @@ class ArmPlaces:
     @property
     def has_tip(self) -> bool:
         """Whether the pose of the tip is complete."""
-        turned = ("qx", "qy", "qz", "qw"), tuple(f"r{k}" for k in range(9))
+        turned = ("qx", "qy", "qz", "qw"), tuple(f"r{k}" for k in range(9)), ANGLES
         return all(part in self.tip for part in "xyz") and any(
             all(part in self.tip for part in parts) for parts in turned
         )
@@ -151,18 +153,21 @@ def taken_apart(name: str, joints: Sequence[str]) -> ColumnName:
     joint, rest = _joint(rest, joints)
     quantity = ""
     for kind, known in QUANTITY_WORDS.items():
+        if kind == "other" and quantity:  # the "current position" is no current
+            rest = [word for word in rest if word != "current"]
         if any(word in known.split() for word in rest):
             quantity = kind if quantity != "other" else quantity
             rest = [word for word in rest if word not in known.split()]
-    if joint in ("roll", "pitch", "yaw") and TIP_WORDS & set(words):
-        return ColumnName(arm, setpoint, "other", None, unit)  # angles of the tip's orientation
     part = _part(words)
+    if joint in ANGLES and TIP_WORDS & set(words):
+        joint, part = None, joint
     if joint is None and part is not None and quantity in ("", "position"):
         turn = {"orientation", "rotation", "rot", "quaternion", "quat"}
         if part in "xyzw" and (turn & set(words) or part == "w"):
             part = f"q{part}"
         quantity, joint = "tip", part
-        rest = [w for w in rest if w not in turn | TURN_WORDS | PLACE_WORDS and w != words[-1]]
+        spent = turn | TURN_WORDS | PLACE_WORDS | TIP_WORDS
+        rest = [w for w in rest if w not in spent and w != words[-1]]
     numbers = [word for word in rest if word.isdigit()]
     if joint is None and numbers:
         joint = int(numbers[-1])
@@ -205,6 +210,8 @@ def find_arms(names: Sequence[str], joints: Sequence[str], has_end: bool) -> lis
             for what in ("position", "velocity", "effort")
         }
         tip = {str(k): place for k, place in group.get("tip", {}).items()}
+        if "qw" not in tip and "qy" in tip and "roll" in tip:
+            tip["yaw"] = tip.pop("qy")  # "rot r", "rot p", "rot y"
         one = ArmPlaces(label, named["position"], named["velocity"], named["effort"], tip)
         first = joints[: len(joints) - has_end][:FEWEST_JOINTS]
         if all(joint in one.position for joint in first) or one.has_tip:
@@ -257,6 +264,7 @@ def chosen_places(
         keys = {
             "position": joints, "velocity": joints, "effort": joints, "jaw": joints[-1:],
             "tip": PARTS, "quaternion": PARTS[3:], "rotation": [f"r{k}" for k in range(9)],
+            "rpy": ANGLES,
         }[what]  # fmt: skip
         if what == "tip" and len(places) == 3:
             keys = PARTS[:3]
@@ -266,7 +274,8 @@ def chosen_places(
                 f" ({', '.join(keys)})"
             )
         group = arms.setdefault(match["arm"] or "", {})
-        quantity = {"jaw": "position", "quaternion": "tip", "rotation": "tip"}.get(what, what)
+        tips = dict.fromkeys(("quaternion", "rotation", "rpy"), "tip")
+        quantity = {"jaw": "position", **tips}.get(what, what)
         for key, column in zip(keys, places, strict=False):
             length = key in PARTS[:3] or key == "insertion"
             kind = "effort" if what == "effort" else "length" if length else "angle"
@@ -391,6 +400,8 @@ def _part(words: Sequence[str]) -> str | None:
     last = words[-1] if words else ""
     if last in ("x", "y", "z", "w", *PARTS):
         return last
+    if last in ("r", "p") and words[-2:-1] in (["rot"], ["rotation"], ["orientation"]):
+        return "roll" if last == "r" else "pitch"
     turned = TURN_WORDS & set(words)
     if turned and len(words) > 2 and all(w in ("1", "2", "3") for w in words[-2:]):
         return f"r{3 * (int(words[-2]) - 1) + int(last) - 1}"

@@ -13,12 +13,15 @@ from numpy.typing import NDArray
 
 from trocar.descriptions import ArmDescription
 from trocar.errors import InputError, LogError, UnknownNameError
+from trocar.geometry.rotations import matrix_from_rpy
 from trocar.recording import is_recording
 from trocar.recording.bags import is_bag, open_bag
 from trocar.robot.recordings.arm_motion import QUANTITIES, ArmMotion, checked_motion
 from trocar.robot.recordings.columns import (
+    ANGLES,
     ARM_WORDS,
     FEWEST_JOINTS,
+    PARTS,
     UNITS,
     ArmPlaces,
     ScaledColumn,
@@ -31,7 +34,7 @@ from trocar.robot.recordings.columns import (
 )
 from trocar.robot.recordings.motor_side import Wrist, joints_from_motors, recorded_joints
 from trocar.robot.recordings.parquet import is_parquet, read_parquet
-from trocar.robot.recordings.tables import READABLE, NumberTable, read_table
+from trocar.robot.recordings.tables import MOST_BEFORE, READABLE, NumberTable, read_table
 from trocar.robot.recordings.tip_poses import (
     centred_base,
     out_of_reach,
@@ -61,6 +64,11 @@ FARTHEST_M = 2.0
 MOST_M, MOST_TURN = 1e3, 2.0
 #: Largest ratio of poses out of an arm's reach, which are left out. Source: our own choice.
 MOST_MISSED = 0.1
+#: Largest difference of a quaternion's norm from 1. Source: our own choice, numbers of four digits.
+UNIT_ERROR = 1e-3
+#: Columns beyond which a table without a header is perhaps transposed. Source: our own choice; a
+#: pair of arms has 76.
+MOST_WIDTH = 300
 #: Least correlation of a joint's velocities with differences of its positions. Source: our own
 #: choice.
 ALIKE = 0.5
@@ -113,7 +121,7 @@ def recording_kind(path: str | Path) -> Kind:
         return "recording"
     if is_bag(path):
         return "bag"
-    return "table" if read_table(path, most_rows=1).names else "rows"
+    return "table" if read_table(path, most_rows=MOST_BEFORE + 1).names else "rows"
 
 
 def read_arm_motion(
@@ -129,7 +137,8 @@ def read_arm_motion(
         path: a bag, a text file or a dataset
         arm: the recorded arm, with the tool that was mounted
         how: how to read it; the defaults when omitted
-        partial: whether a table may lack joints after the third, which then are 0
+        partial: whether a table may lack any joints after the third, and not only all of them;
+            they then are 0
 
     Raises:
         LogError: it cannot be read, or is no recording of this arm; file and row are named
@@ -144,13 +153,14 @@ def read_arm_motion(
         return checked_motion(motion, arm, rate_given=True)
     table = _table(path, how)
     if not table.names and not how.columns and table.values.shape[1] != JIGSAWS:
-        return _bare_motion(table, arm, how, partial)
+        return _bare_motion(table, arm, how)
     places, chosen = _places(table, arm, how)
     one = _one_arm(table, arm, how, chosen)
     motion = _motion_of(table, arm, how, one, _times(table, places, how))
     joints = recorded_joints(arm)
-    absent = [j for j in joints[: len(joints) - arm.has_jaw] if j not in motion.recorded[0]]
-    if absent and not partial:
+    own = joints[: len(joints) - arm.has_jaw]
+    absent = [joint for joint in own if joint not in motion.recorded[0]]
+    if absent and not partial and len(absent) < len(own) - FEWEST_JOINTS:
         raise _lacks(table.file, absent, joints)
     return motion
 
@@ -211,7 +221,8 @@ def arms_in(path: str | Path, arm: ArmDescription, how: ReadSettings | None = No
 def _table(path: str | Path, how: ReadSettings) -> NumberTable:
     table = read_parquet(path, how.episode) if is_parquet(path) else read_table(path)
     if not len(table.values):
-        raise LogError(table.file, "is empty; allowed: 2 rows or more")
+        empty = "holds no rows of numbers" if table.names else "is empty"
+        raise LogError(table.file, f"{empty}; allowed: 2 rows or more")
     return table
 
 
@@ -257,7 +268,12 @@ def _one_arm(
 
 def _lacks(file: str, missing: Sequence[str], joints: Sequence[str]) -> LogError:
     names = ", ".join(f"{joint}_position" for joint in missing)
-    return LogError(file, f"lacks columns {names}; allowed: {_allowed(joints)}", 1)
+    return LogError(
+        file,
+        f"lacks columns {names}; allowed: {_allowed(joints)}, e.g. --columns"
+        f" position={'+'.join(f'NAME{k + 1}' for k in range(FEWEST_JOINTS))}+...",
+        1,
+    )
 
 
 def _allowed(joints: Sequence[str]) -> str:
@@ -351,7 +367,11 @@ def _tips(table: NumberTable, how: ReadSettings, places: ArmPlaces) -> Array:
             " unit: --units rad/mm)",
         )
     parts = ("qw", "qx", "qy", "qz") if "qw" in places.tip else tuple(f"r{k}" for k in range(9))
-    turn = np.stack([_values(table, places.tip[part], how, "") for part in parts], axis=1)
+    if parts[-1] in places.tip:
+        turn = np.stack([_values(table, places.tip[part], how, "") for part in parts], axis=1)
+    else:
+        rpy = np.stack([_values(table, places.tip[part], how, "rad") for part in ANGLES], axis=1)
+        turn = np.stack([matrix_from_rpy(*angles).ravel() for angles in rpy.tolist()])
     found = np.full((len(p), 4, 4), np.nan)
     near = (np.abs(p) < MOST_M).all(axis=1) & (np.abs(turn) < MOST_TURN).all(axis=1)
     for k in np.flatnonzero(near).tolist():
@@ -404,7 +424,9 @@ def _times(table: NumberTable, place: ScaledColumn | None, how: ReadSettings) ->
         None,
     )
     if place is None and split is not None:
-        return table.values[:, split[0]] + 1e-9 * table.values[:, split[1]], True
+        times = table.values[:, split[0]] + 1e-9 * table.values[:, split[1]]
+        if len(np.unique(times)) > 1:  # 0 where nobody stamped the messages
+            return times, True
     if place is None:
         known = [k for k, name in enumerate(names)
                  if is_time(name) and k not in table.texts
@@ -433,13 +455,11 @@ def _times(table: NumberTable, place: ScaledColumn | None, how: ReadSettings) ->
     return (times - first) * scale, True
 
 
-def _bare_motion(
-    table: NumberTable, arm: ArmDescription, how: ReadSettings, partial: bool
-) -> ArmMotion:
+def _bare_motion(table: NumberTable, arm: ArmDescription, how: ReadSettings) -> ArmMotion:
     """Read rows without a header: positions, velocities, efforts of all joints, in this order.
 
-    A first column that rises evenly is the time. Velocities and efforts may be missing; with
-    `partial` all three may be those of the first three joints.
+    A first column that rises evenly is the time. Velocities and efforts may be missing; all three
+    may be those of the first three joints alone.
     """
     joints = recorded_joints(arm)
     if table.holes:
@@ -447,8 +467,7 @@ def _bare_motion(
         raise LogError(table.file, f"column {column + 1}: got {text!r}; allowed: a number", row)
     own = len(joints) - arm.has_jaw
     counts = {k * n: (k, n) for n in (own, len(joints)) for k in (1, 2, 3)}
-    if partial:
-        counts.setdefault(3 * FEWEST_JOINTS, (3, FEWEST_JOINTS))
+    counts.setdefault(3 * FEWEST_JOINTS, (3, FEWEST_JOINTS))
     width = table.values.shape[1]
     asked = width not in counts or (how.rate_hz is None and width <= len(joints))
     timed = width - 1 in counts and asked and _rises(table.values[:, 0])
@@ -456,16 +475,24 @@ def _bare_motion(
         raise LogError(
             table.file,
             f"got {width} columns; allowed: {3 * len(joints)} ({', '.join(QUANTITIES)} of"
-            f" {', '.join(joints)}), {2 * len(joints)} or {len(joints)}, a column of times before"
-            " them, or --columns",
+            f" {', '.join(joints)}), {2 * len(joints)} or {len(joints)}, {3 * FEWEST_JOINTS} (of"
+            f" the first {FEWEST_JOINTS}), a column of times before them, or --columns, e.g."
+            f" --columns position=0:{min(own, width)}"
+            + (" (a sample a row: is this table transposed?)" if width > MOST_WIDTH else ""),
             int(table.rows[0]),
         )
     parts, count = counts[width - timed]
     values = table.values[:, timed:].reshape(-1, parts, count)
+    if parts == 1 and count == len(PARTS) and _are_quaternions(values[:, 0, 3:]):
+        first = f"{int(timed)}:{int(timed) + len(PARTS)}"
+        raise InputError(
+            f"{table.file}: the last four columns are quaternions of poses, no joints; name them,"
+            f" --columns {'time=0,' if timed else ''}tip={first} ({', '.join(PARTS)})"
+        )
     if parts == 2 and not _alike(values[:, 0], values[:, 1]):
         raise InputError(
             f"{table.file}: {2 * count} columns are not positions and their velocities; name them,"
-            f" e.g. --columns PSM1.position=0:{count} PSM2.position={count}:{2 * count}"
+            f" e.g. --columns PSM1.position=0:{count},PSM2.position={count}:{2 * count}"
         )
     rows = np.zeros((len(values), 3, len(joints)))
     rows[:, :parts, :count] = values
@@ -497,6 +524,11 @@ def _rises(column: Array) -> bool:
         return False
     usual = float(np.median(steps))
     return usual > 0.0 and float(np.mean(np.abs(steps - usual) < 0.5 * usual)) > 0.9
+
+
+def _are_quaternions(columns: Array) -> bool:
+    """Return whether the numbers of every row, (k, 4), have the norm of a turn."""
+    return bool((np.abs(np.linalg.norm(columns, axis=1) - 1.0) < UNIT_ERROR).all())
 
 
 def _alike(positions: Array, velocities: Array) -> bool:

@@ -1,4 +1,4 @@
-"""Text files of numbers: CSV of any separator, plain or gzip, with or without a header."""
+"""Files of numbers: CSV of any separator and header, plain or gzip, and arrays of NumPy's."""
 
 from __future__ import annotations
 
@@ -23,11 +23,22 @@ Array = NDArray[np.float64]
 
 #: Formats of recordings that are read.
 READABLE = (
-    f"a recording of trocar's own (MCAP), a text file of numbers (plain or gzip), {FORMATS}, a"
-    " dataset of LeRobot's or one of its Parquet files"
+    "a recording of trocar's own (MCAP), a text file of numbers (plain or gzip), an array (.npy),"
+    f" {FORMATS}, a dataset of LeRobot's or one of its Parquet files"
 )
+#: {first bytes of a file that is no text: kind, way to a table}. Source: the formats' documents.
+OTHER_KINDS = {
+    b"\xd0\xcf\x11\xe0": ("a spreadsheet (.xls)", "save it as CSV"),
+    b"PK\x03\x04": ("a spreadsheet (.xlsx) or another archive", "save it as CSV"),
+    b"MATLAB 5.0": ("a MAT-file", "write its table with writematrix, as CSV"),
+    b"\x89HDF": ("an HDF5 file", "write its tables as CSV"),
+    b"\x80\x04\x95": ("a pickle", "write its table as CSV"),
+    b"\x80\x03": ("a pickle", "write its table as CSV"),
+}
 #: Longest row [characters]. Source: our own choice; 76 columns take some 1000.
 LONGEST_LINE = 1 << 16
+#: Lines before the header of a table that are left out. Source: our own choice.
+MOST_BEFORE = 20
 #: Words for a number that was not recorded. Source: pandas, MATLAB and spreadsheets.
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-", "#n/a"})
 COMMENT = "#%/"
@@ -35,7 +46,7 @@ COMMENT = "#%/"
 LIST = re.compile(r"\"?[\[(]\s*([-+.\d][^\])]*)[\])]\"?")
 QUOTED = re.compile(r"\"([^\"]*)\"")
 #: Stands for a comma inside quotes while a row is split.
-INNER = "\x1f"
+INNER = "\x01"
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +77,8 @@ def read_table(path: str | Path, most_rows: int | None = None) -> NumberTable:
 
     Commas, semicolons (then with decimal commas), tabs or spaces separate fields. Lines that begin
     with #, % or // are comments; one of them with as many fields as the rows is the header, and so
-    is a first row with words. A row that breaks off at the end of the file is left out.
+    are the rows of words before the numbers: group, name, unit. Up to `MOST_BEFORE` shorter lines
+    before the header, and a row that breaks off at the end of the file, are left out.
 
     Args:
         path: the file
@@ -76,34 +88,123 @@ def read_table(path: str | Path, most_rows: int | None = None) -> NumberTable:
         LogError: no such file, truncated, no text, or rows of different lengths; the row is named
     """
     file = str(path)
-    header: tuple[str, ...] = ()
-    comments: list[str] = []
-    split: _Splitter | None = None
-    rows: list[list[float]] = []
-    numbers: list[int] = []
-    texts: dict[int, tuple[int, str]] = {}
-    holes: dict[int, tuple[int, str]] = {}
-    short: tuple[int, int] | None = None
+    if Path(file).suffix.lower() == ".npy":
+        return _read_array(file, most_rows)
+    read = _Rows(file)
     for number, line in _lines(path):
+        read.line(number, line)
+        if len(read.rows) == most_rows:
+            break
+    return read.table()
+
+
+def _read_array(file: str, most_rows: int | None) -> NumberTable:
+    """Read an array of NumPy's, a sample a row."""
+    try:
+        values = np.load(Path(file).expanduser(), allow_pickle=False)
+        values = np.asarray(values, np.float64)
+    except (OSError, ValueError, EOFError, TypeError) as error:
+        raise LogError(file, f"cannot be read: {error}") from None
+    if values.ndim != 2:
+        raise LogError(file, f"has {values.ndim} dimensions; allowed: 2, a sample a row")
+    values = values[:most_rows]
+    holes = {int(k): (int(np.flatnonzero(~np.isfinite(values[:, k]))[0]) + 1, "nan")
+             for k in np.flatnonzero(~np.isfinite(values).all(axis=0))}  # fmt: skip
+    values = np.where(np.isfinite(values), values, np.nan)
+    return NumberTable(file, (), values, np.arange(1, len(values) + 1), {}, holes)
+
+
+class _Rows:
+    """Lines of a table, read one after the other.
+
+    Args:
+        file: for errors
+    """
+
+    def __init__(self, file: str) -> None:
+        self.file = file
+        self.rows: list[list[float]] = []
+        self._numbers: list[int] = []
+        self._heads: list[list[str]] = []  # rows of words
+        self._comments: list[str] = []
+        self._split: _Splitter | None = None
+        self._texts: dict[int, tuple[int, str]] = {}
+        self._holes: dict[int, tuple[int, str]] = {}
+        self._short: tuple[int, int] | None = None
+        self._blank = self._before = self._again = 0
+        self._indexed = False
+
+    def line(self, number: int, line: str) -> None:
+        """Read a line."""
+        if not line.strip():
+            self._blank = self._blank or (number if self.rows else 0)
+            return
         if line.lstrip()[:1] in COMMENT:
-            comments.append(line.strip().lstrip(COMMENT).strip())
-            continue
-        if split is None:
-            split = _Splitter.of(line)
+            self._comments.append(line.strip().lstrip(COMMENT).strip())
+            return
+        split = _Splitter.of(line) if self._split is None or not self.rows else self._split
         fields = split(line)
-        if not rows and not _numeric(fields):
-            units = len(fields) == len(header)  # a second row of words
-            header = tuple(f"{n} {u}" for n, u in zip(header, fields, strict=True)) if units else (
-                tuple(fields)
-            )  # fmt: skip
-            continue
-        fields, header = _spread(fields, header)
-        if short is not None or (rows and len(fields) != len(rows[0])):
-            if short is not None or len(fields) > len(rows[0]):
-                bad, count = short or (number, len(fields))
-                raise LogError(file, f"got {count} columns; allowed: {len(rows[0])}", bad)
-            short = number, len(fields)
-            continue
+        if 0 < len(self.rows) <= MOST_BEFORE and self._begins(line, len(fields)):
+            split = _Splitter.of(line)
+            fields = split(line)
+            self._before += len(self.rows) + len(self._heads)
+            self.rows, self._numbers, self._heads = [], [], []
+            self._texts, self._holes, self._short, self._blank = {}, {}, None, 0
+        if self._blank:
+            raise LogError(
+                self.file, "row is blank; allowed: at the end of the file only", self._blank
+            )
+        self._split = split
+        if not self.rows and (not any(fields) or self._counts(fields)):
+            return
+        if not self.rows and (not _numeric(fields) or self._numbered(fields)):
+            if self._heads and not 0 <= len(fields) - len(self._heads[-1]) <= 1:
+                self._before += len(self._heads)
+                self._heads = []
+            self._heads.append(fields)
+            return
+        if self.rows and fields in self._heads:
+            self._again += 1
+            return
+        if self._indexed:
+            fields = fields[1:]
+        if len(self._heads) == 1:
+            fields, self._heads[0] = _spread(fields, self._heads[0])
+        else:
+            fields, _ = _spread(fields, [])
+        if self._short is not None or (self.rows and len(fields) != len(self.rows[0])):
+            if self._short is not None or len(fields) > len(self.rows[0]):
+                bad, count = self._short or (number, len(fields))
+                raise LogError(self.file, f"got {count} columns; allowed: {len(self.rows[0])}", bad)
+            self._short = number, len(fields)
+            return
+        self._add(number, fields)
+
+    def _begins(self, line: str, count: int) -> bool:
+        """Return whether the table begins here, and what was read before is a preamble.
+
+        Args:
+            line: the line
+            count: of its fields, cut as those before
+        """
+        own, width = _Splitter.of(line)(line), len(self.rows[0])
+        return (len(own) > width and not _numeric(own)) or width <= 2 < count
+
+    def _counts(self, fields: list[str]) -> bool:
+        """Return whether fields are the numbers of columns, as pandas writes them."""
+        counted = [str(k) for k in range(len(fields))]
+        if self._heads or len(fields) < 3 or self._indexed:
+            return False
+        self._indexed = fields == ["", *counted[:-1]]
+        return self._indexed or fields == counted
+
+    def _numbered(self, fields: list[str]) -> bool:
+        """Return whether fields are a header's numbers of joints: "time", "1", "2", "3"."""
+        first, rest = fields[0], fields[1:]
+        counts = ([str(k + start) for k in range(len(rest))] for start in (0, 1))
+        return bool(self._heads) and not _is_number(first) and len(rest) > 1 and rest in counts
+
+    def _add(self, number: int, fields: list[str]) -> None:
         values: list[float] = []
         for column, text in enumerate(fields):
             try:
@@ -111,27 +212,45 @@ def read_table(path: str | Path, most_rows: int | None = None) -> NumberTable:
             except ValueError:
                 value = math.nan
                 if text.lower() not in MISSING:
-                    texts.setdefault(column, (number, text[:40]))
+                    self._texts.setdefault(column, (number, text[:40]))
             if not math.isfinite(value):
-                holes.setdefault(column, (number, text[:40]))
+                self._holes.setdefault(column, (number, text[:40]))
                 value = math.nan
             values.append(value)
-        rows.append(values)
-        numbers.append(number)
-        if len(rows) == most_rows:
-            break
-    if rows and not header and split is not None:
-        fitting = [c for c in comments if len(split(c)) == len(rows[0]) > 1]
-        header = tuple(split(fitting[-1])) if fitting else ()
-    if header and rows:
-        if len(header) > len(rows[0]):
-            raise LogError(
-                file, f"the header has {len(header)} columns; its first row has {len(rows[0])}", 1
-            )
-        header = _grouped([*header, *[""] * (len(rows[0]) - len(header))])
-    notes = (f"row {short[0]} breaks off and was left out",) if short else ()
-    values_of = np.array(rows, np.float64) if rows else np.zeros((0, len(header)))
-    return NumberTable(file, header, values_of, np.array(numbers, np.int64), texts, holes, notes)
+        self.rows.append(values)
+        self._numbers.append(number)
+
+    def table(self) -> NumberTable:
+        """Return the lines as a table.
+
+        Raises:
+            LogError: the header has more columns than the rows
+        """
+        rows, split = self.rows, self._split
+        header = _joined(self._heads)
+        if rows and not header and split is not None:
+            fitting = [c for c in self._comments if len(split(c)) == len(rows[0]) > 1]
+            header = tuple(split(fitting[-1])) if fitting else ()
+        if header and rows:
+            if len(header) > len(rows[0]):
+                raise LogError(
+                    self.file,
+                    f"the header has {len(header)} columns; its first row has {len(rows[0])}",
+                    1,
+                )
+            header = _grouped([*header, *[""] * (len(rows[0]) - len(header))])
+        notes: list[str] = []
+        if self._before and rows:
+            notes.append(f"{self._before} lines before the table left out")
+        if self._again:
+            notes.append(f"the header written again {self._again} times left out")
+        if self._short:
+            notes.append(f"row {self._short[0]} breaks off and was left out")
+        values = np.array(rows, np.float64) if rows else np.zeros((0, len(header)))
+        numbers = np.array(self._numbers, np.int64)
+        return NumberTable(
+            self.file, header, values, numbers, self._texts, self._holes, tuple(notes)
+        )
 
 
 @dataclass(frozen=True)
@@ -162,7 +281,7 @@ class _Splitter:
         return [part.replace(INNER, " ") for part in fields]
 
 
-def _spread(fields: list[str], header: tuple[str, ...]) -> tuple[list[str], tuple[str, ...]]:
+def _spread(fields: list[str], header: list[str]) -> tuple[list[str], list[str]]:
     """Spread fields of several numbers over as many columns: "q" becomes "q[0]", "q[1]", ..."""
     if not any("[" in part or "(" in part for part in fields):
         return fields, header
@@ -176,16 +295,29 @@ def _spread(fields: list[str], header: tuple[str, ...]) -> tuple[list[str], tupl
         if same:
             name = header[place]
             names += [f"{name}[{k}]" for k in range(len(inside))] if found else [name]
-    return spread, tuple(names) if same else header
+    return spread, names if same else header
+
+
+def _joined(heads: Sequence[Sequence[str]]) -> tuple[str, ...]:
+    """Join the rows of a header; a name of all but the last holds for the blank fields after it."""
+    width = max(map(len, heads), default=0)
+    names = [""] * width
+    for place, head in enumerate(heads):
+        name = ""
+        for column, text in enumerate([*head, *[""] * (width - len(head))]):
+            name = text if text or place + 1 == len(heads) else name
+            names[column] = f"{names[column]} {name}".strip()
+    return tuple(names)
 
 
 def _grouped(names: Sequence[str]) -> tuple[str, ...]:
-    """Number the columns of a name that blank ones follow: "q", "" become "q[0]", "q[1]"."""
+    """Number neighbours of one name, and blank ones after it: "q", "" become "q[0]", "q[1]"."""
     found: list[str] = []
     name, count = "", 0
     for place, text in enumerate(names):
-        name, count = (text, 0) if text else (name, count + 1)
-        group = not text or (place + 1 < len(names) and not names[place + 1])
+        same = not text or text == name
+        name, count = (name, count + 1) if same else (text, 0)
+        group = same or (place + 1 < len(names) and names[place + 1] in ("", text))
         found.append(f"{name}[{count}]" if name and group else text)
     return tuple(found)
 
@@ -205,8 +337,8 @@ def _numeric(fields: Sequence[str]) -> bool:
 
 
 def _lines(path: str | Path) -> Iterator[tuple[int, str]]:
-    """Give (row from 1, text) of a plain or gzip file; blank rows may only stand at its end."""
-    file, number, blank = str(path), 0, 0
+    """Give (row from 1, text) of a plain or gzip file."""
+    file, number = str(path), 0
     try:
         with ExitStack() as stack:
             stream = _open(path, stack)
@@ -216,13 +348,6 @@ def _lines(path: str | Path) -> Iterator[tuple[int, str]]:
                     raise LogError(file, "is not text; allowed: rows of numbers", number)
                 if len(line) >= LONGEST_LINE:
                     raise LogError(file, "is not a table of numbers: row too long", number)
-                if not line.strip():
-                    blank = blank or number
-                    continue
-                if blank:
-                    raise LogError(
-                        file, "row is blank; allowed: at the end of the file only", blank
-                    )
                 yield number, line
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise LogError(file, f"gzip data is truncated or damaged ({error})", number + 1) from error
@@ -237,8 +362,12 @@ def _open(path: str | Path, stack: ExitStack) -> TextIO:
         what = "is a folder" if where.is_dir() else "no such file"
         raise LogError(str(path), f"{what}; allowed: {READABLE}")
     raw = stack.enter_context(where.open("rb"))
-    head = raw.read(2)
+    head = raw.read(10)
     raw.seek(0)
+    for start, (what, way) in OTHER_KINDS.items():
+        if head.startswith(start):
+            raise LogError(str(path), f"is {what}: {way}")
+    head = head[:2]
     if head in (b"\xff\xfe", b"\xfe\xff"):
         return stack.enter_context(io.TextIOWrapper(raw, encoding="utf-16", errors="replace"))
     plain = stack.enter_context(gzip.GzipFile(fileobj=raw)) if head == b"\x1f\x8b" else raw

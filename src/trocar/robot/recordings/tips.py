@@ -101,6 +101,9 @@ def _tip(path: str | Path, arm: ArmDescription, how: ReadSettings) -> TipMotion:
         words = f"{label or path}: poses of the tip"
     else:
         motion = read_arm_motion(path, arm, how)
+        lacking = [joint for joint in motion.joints[:-1] if joint not in motion.recorded[0]]
+        if lacking:
+            raise LogError(str(path), f"holds no {', '.join(lacking)}: the tip is not known")
         q = np.tile(arm.poses["home"], (len(motion.times), 1))
         q[:, : motion.rows.shape[2]] = motion.rows[:, 0]
         label, times, p = motion.label, motion.times, chain_pose(arm.mechanism)(q)[:, :3, 3]

@@ -30,6 +30,8 @@ WINDOW = 1640, 740
 SETTLE_S, COUNT_S, ROUNDS = 6.0, 8.0, 2
 #: Sine of the first two joints of each PSM: amplitude [rad], angular frequency [rad/s].
 SWING = (0.3, 1.0), (0.2, 1.3)
+#: Longest time by which the swing goes on between two commands [s].
+LARGEST_STEP_S = 0.1
 FLAGS = (
     "--headless=new",
     "--no-sandbox",
@@ -154,10 +156,11 @@ def driver_service(driver: str) -> Any:
 
 
 def move_psms(loop: Loop, over: threading.Event) -> None:
-    """Swing the PSMs, which start slowly."""
-    arms, began_s = loop.latest.arms, loop.latest.time
+    """Swing the PSMs, which start slowly; however late a command is, no arm jumps."""
+    arms, before_s, t = loop.latest.arms, loop.latest.time, 0.0
     while not over.wait(0.02):
-        t = loop.latest.time - began_s  # a loop that skips time must not make an arm jump
+        now_s = loop.latest.time
+        t, before_s = t + min(now_s - before_s, LARGEST_STEP_S), now_s
         for name in ("PSM1", "PSM2"):
             q = [float(value) for value in arms[name].setpoint[:6]]
             for k, (amplitude, speed) in enumerate(SWING):

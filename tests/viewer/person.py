@@ -147,6 +147,11 @@ class Person:
         self._try(drag, f"the slider {label}")
         return reached()
 
+    def share(self, label: str) -> float:
+        """Return the share of its way at which a slider stands."""
+        low, high, now = (self._thumb(label, what) for what in ("min", "max", "now"))
+        return (now - low) / (high - low)
+
     def _centre(self, element: WebElement) -> None:
         """Scroll an element into the middle of its panel: a list beside it is hidden with it."""
         self.tab.execute_script("arguments[0].scrollIntoView({block: 'center'})", element)

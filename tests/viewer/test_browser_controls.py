@@ -252,7 +252,8 @@ def sliders(at: Walk) -> None:
             part = f"{prefix}/{kind}" if kind else prefix
             topic = f"/{part}/{'measured' if arm[:3] in ('MTM', 'SUJ') else 'setpoint'}_js"
             at.used.add(label)
-            goal, exact = at.person.slide(label, 0.55)
+            before = at.person.share(label)
+            goal, exact = at.person.slide(label, before + (0.12 if before < 0.5 else -0.12))
             row = 0 if kind else k
             at.see(topic, near(row, goal / scale, exact / scale))
         if arm == "PSM1":

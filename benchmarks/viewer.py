@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import statistics
 import subprocess
 import sys
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 
 from benchmarks.drawing import chromium, move_psms
 from benchmarks.served import served
+from trocar.errors import TrocarError
 from trocar.geometry import translation
 from trocar.live import Command, Loop
 from trocar.live.state import Elapsed
@@ -29,6 +31,7 @@ from trocar.simulation import World
 from trocar.simulation.journal import WORLD
 from trocar.viewer import page as viewer_page
 from trocar.viewer.look_back import LookBack
+from trocar.viewer.scene import body_names, node_of
 from trocar.viewer.server import run_there
 
 Array = NDArray[np.float64]
@@ -43,28 +46,28 @@ RADIUS_M, TURN_S, EASE_S, MOUSE_HZ = 0.015, 4.0, 1.0, 30.0
 #: Time of a drag [s], between two samples of the tip [s], and after which a set-point is late [s].
 DRAG_S, SAMPLE_S, LATE_S = 8.0, 0.005, 0.005
 VIEWERS = 2
-#: Goal of the first complete picture [s], and how often the page is opened.
-PICTURE_S, OPENED = 3.0, 3
-#: Notes when a frame is drawn with every body, after the cover has gone.
+#: Goal of the first complete picture [s], how often the page is opened, and its time limit [s].
+PICTURE_S, OPENED, LATE_PICTURE_S = 3.0, 3, 120.0
+#: Notes when a frame is drawn that has a mesh of every body, after the cover has gone.
 PICTURE = """
 window.firstPicture = null;
+const names = NAMES;
 let since = null;
 const watch = setInterval(() => {
   const page = window.__viserMutable, info = window.__viserTestpoints?.rendererInfo;
-  const cover = document.querySelector("#trocar-cover");
-  if (!page || !info || cover?.className !== "gone") return;
-  let loaded = 0;
-  for (const [name, node] of Object.entries(page.nodeRefFromName)) {
+  if (!page || !info || document.querySelector("#trocar-cover")?.className !== "gone") return;
+  const loaded = (name) => {
     let meshes = 0;
-    if (!name.startsWith("/cart/body_")) continue;
-    node?.traverse((part) => { meshes += part.isMesh ? 1 : 0; });
-    loaded += meshes > 0;
+    page.nodeRefFromName[name]?.traverse((part) => { meshes += Boolean(part.isMesh); });
+    return meshes > 0;
+  };
+  if (since === null) {
+    if (names.every(loaded)) since = info.render.frame;
+  } else if (info.render.frame !== since) {
+    page.canvas.getContext("webgl2").finish();
+    window.firstPicture = performance.now();
+    clearInterval(watch);
   }
-  if (loaded < BODIES) return;
-  since ??= info.render.frame;
-  if (info.render.frame === since) return;
-  window.firstPicture = performance.now();
-  clearInterval(watch);
 }, 20);
 """
 
@@ -89,18 +92,28 @@ def viewer(watch: Callable[[str], None]) -> Iterator[Figure]:
 
 
 def _first_picture() -> Iterator[Figure]:
-    """Return the time from opening the page in a new browser until all bodies are drawn."""
-    bodies = len({shape.body for shape in World("full_cart").shapes()})
+    """Return the time from opening the page in a new browser until all bodies are drawn.
+
+    Raises:
+        TrocarError: a picture took longer than LATE_PICTURE_S
+    """
+    nodes = [node_of(name) for name in body_names(World("full_cart").shapes()).values()]
+    script = {"source": PICTURE.replace("NAMES", json.dumps(nodes))}
     spans: list[float] = []
     with served(["--port", "0", "--websocket-port", "0"], r"http://\S+") as there:
         for _ in range(OPENED):
             with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
                 tab = chromium(profile)
                 try:
-                    source = {"source": PICTURE.replace("BODIES", str(bodies))}
-                    tab.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", source)
+                    tab.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", script)
+                    began = time.monotonic()
                     tab.get(there.address)
                     while (span := tab.execute_script("return window.firstPicture")) is None:
+                        if time.monotonic() > began + LATE_PICTURE_S:
+                            raise TrocarError(
+                                f"first picture: none within {LATE_PICTURE_S:g} s of {len(nodes)} "
+                                "bodies"
+                            )
                         time.sleep(0.1)
                     spans.append(span / 1000.0)
                 finally:

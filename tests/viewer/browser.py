@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import time
 from collections.abc import Callable, Iterator
@@ -16,6 +15,8 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.remote.webelement import WebElement
 
+from benchmarks.drawing import driver_service
+
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 DRIVER = shutil.which("chromedriver")
 FLAGS = (
@@ -24,6 +25,7 @@ FLAGS = (
     "--use-angle=gl-egl",  # Mesa compiles shaders in a fifth of SwiftShader's time
     "--ignore-gpu-blocklist",
     "--enable-unsafe-swiftshader",  # where there is no Mesa
+    "--disable-gpu-watchdog",  # it ends the drawing process on a busy machine
     "--disable-quic",
     "--no-first-run",
     "--disable-background-networking",
@@ -32,8 +34,6 @@ FLAGS = (
     "--hide-scrollbars",
     "--window-size=1320,500",  # just wide enough for the measurements, and little to draw
 )
-#: The environment: Mesa draws in software on every machine.
-DRAWN_BY = {**os.environ, "LIBGL_ALWAYS_SOFTWARE": "1"}
 PATIENCE_S = 240.0
 """Software rendering on a busy machine is slow; nothing waits longer than it must."""
 ANSWER_S = 20.0
@@ -154,7 +154,7 @@ def chromium(profile: Path) -> Iterator[Browser]:
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     for flag in (*FLAGS, f"--user-data-dir={profile}"):
         options.add_argument(flag)
-    tab = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER, env=DRAWN_BY))
+    tab = webdriver.Chrome(options=options, service=driver_service(DRIVER))
     try:
         yield Browser(tab)
     finally:

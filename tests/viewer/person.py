@@ -17,7 +17,7 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.remote.webelement import WebElement
 
-from tests.viewer.browser import Browser
+from tests.viewer.browser import PATIENCE_S, Browser
 
 IN_THE_WAY = (
     ElementClickInterceptedException,
@@ -26,9 +26,6 @@ IN_THE_WAY = (
     StaleElementReferenceException,
 )
 """Something lies over what a person would press, or the page draws it anew: tried again."""
-
-PATIENCE_S = 20.0
-"""Time within which a control can be pressed [s]."""
 
 CONTROLS = """
 const ours = /^(file_upload_)?[0-9a-f]{8}-[0-9a-f]{4}-/;  // viser's own settings have other ids
@@ -63,15 +60,21 @@ const box = page.canvas.getBoundingClientRect();
 return [box.left + (at.x + 1) / 2 * box.width, box.top + (1 - at.y) / 2 * box.height];
 """
 
-#: Look at a node along its z axis, its x axis to the right, from a distance [m].
+#: Look at a node from a place on one of its axes, 0 to 2, at a distance of either sign [m].
 LOOK = """
-const [name, away] = arguments, page = __viserMutable;
+const [name, axis, away] = arguments, page = __viserMutable;
 const node = page.nodeRefFromName[name];
 node.updateWorldMatrix(true, true);
-const e = node.matrixWorld.elements, length = Math.hypot(e[8], e[9], e[10]);
-const z = [8, 9, 10].map((k) => e[k] / length);
-page.cameraControl.setLookAt(
-  e[12] + away * z[0], e[13] + away * z[1], e[14] + away * z[2], e[12], e[13], e[14], false);
+const e = node.matrixWorld.elements, from = [0, 1, 2].map((k) => e[4 * axis + k]);
+const far = away / Math.hypot(...from), [x, y, z] = from.map((part, k) => e[12 + k] + far * part);
+page.cameraControl.setLookAt(x, y, z, e[12], e[13], e[14], false);
+"""
+#: The axes and their sides from which a person tries to see what is not to be hidden.
+SIDES = (2, 1.0), (2, -1.0), (1, 1.0), (1, -1.0)
+
+#: Test whether nothing of the page lies over points of the scene.
+FREE = """
+return arguments[0].every(([x, y]) => document.elementFromPoint(x, y)?.tagName === "CANVAS");
 """
 
 VISIBLE = """
@@ -144,6 +147,11 @@ class Person:
         self._try(drag, f"the slider {label}")
         return reached()
 
+    def share(self, label: str) -> float:
+        """Return the share of its way at which a slider stands."""
+        low, high, now = (self._thumb(label, what) for what in ("min", "max", "now"))
+        return (now - low) / (high - low)
+
     def _centre(self, element: WebElement) -> None:
         """Scroll an element into the middle of its panel: a list beside it is hidden with it."""
         self.tab.execute_script("arguments[0].scrollIntoView({block: 'center'})", element)
@@ -186,10 +194,7 @@ class Person:
             arrow_m: from the handle's middle to where the arrow is taken [m]
             by_m: way of the hand [m]
         """
-        self.tab.execute_script(LOOK, handle, 10.0 * arrow_m)
-        self.browser.draw(3)
-        x, y = self._pixel(handle, arrow_m)
-        to_x, to_y = self._pixel(handle, arrow_m + by_m)
+        (x, y), (to_x, to_y) = self._free(handle, 10.0 * arrow_m, (arrow_m, arrow_m + by_m))
         hand = ActionChains(self.tab, duration=200)
         hand.w3c_actions.pointer_action.move_to_location(round(x), round(y))
         hand.pause(0.3).click_and_hold()
@@ -198,9 +203,22 @@ class Person:
             hand.w3c_actions.pointer_action.move_to_location(*at)
         hand.pause(0.3).release().perform()
 
-    def _pixel(self, node: str, along_x_m: float) -> tuple[float, float]:
-        x, y = self.tab.execute_script(PIXEL, node, along_x_m, 0.0, 0.0)
-        return x, y
+    def click_on(self, node: str, away_m: float) -> None:
+        """Click on the middle of a node in the scene, from a distance [m]."""
+        ((x, y),) = self._free(node, away_m, (0.0,))
+        hand = ActionChains(self.tab, duration=200)
+        hand.w3c_actions.pointer_action.move_to_location(round(x), round(y))
+        hand.click().perform()
+
+    def _free(self, node: str, away_m: float, along_x_m: tuple[float, ...]) -> list[list[float]]:
+        """Turn the view until no window lies over points on the x axis of a node; return them."""
+        for axis, side in SIDES:
+            self.tab.execute_script(LOOK, node, axis, side * away_m)
+            self.browser.draw(3)
+            points = [self.tab.execute_script(PIXEL, node, x, 0.0, 0.0) for x in along_x_m]
+            if self.tab.execute_script(FREE, points):
+                return points
+        raise AssertionError(f"windows lie over {node} from all sides")
 
     # ------------------------------------------------------------------ elements
 

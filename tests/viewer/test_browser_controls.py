@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import csv
 import io
-import os
 import time
 import zipfile
 from collections.abc import Callable, Iterator
@@ -30,18 +29,11 @@ from selenium.webdriver.common.by import By
 from tests.viewer import test_browser_files as files
 from tests.viewer import test_browser_people as people
 from tests.viewer.all_kinds import AllKinds, all_kinds
-from tests.viewer.browser import chromium
+from tests.viewer.browser import PATIENCE_S, chromium
 from tests.viewer.person import Person
 from tests.viewer.program import Program, program
 
-pytestmark = [
-    pytest.mark.browser,
-    pytest.mark.slow,
-    pytest.mark.skipif(
-        "TROCAR_EVERY_CONTROL" not in os.environ,
-        reason="takes minutes with the machine for itself: TROCAR_EVERY_CONTROL=1",
-    ),
-]
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 #: Controls that end the page or need a second browser, and the test that acts on them.
 ELSEWHERE = {
@@ -52,9 +44,10 @@ ELSEWHERE = {
 }
 #: On a phone: score, cameras, and what else may be loaded.
 PHONE = {
-    "Camera", "Episode/Again", "Episode/Next seed", "Full screen", "Load/Scenes and rigs", "Loop",
-    "Overlays", "Policy/Take control", "View/anaglyph", "View/both", "View/left", "View/off",
-    "View/right", "help/",
+    "Camera", "Content/colour", "Content/depth", "Content/ids", "Episode/Again",
+    "Episode/Next seed", "Full screen", "Load/Scenes and rigs", "Loop", "Overlays",
+    "Policy/Take control", "View/anaglyph", "View/both", "View/left", "View/off", "View/right",
+    "cameras/save", "help/",
 }  # fmt: skip
 #: Joints of each arm in the order of its joint vector, without jaw and gripper.
 PSM = ("yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw")
@@ -73,8 +66,6 @@ TETRAHEDRON = (
     )
     + "endsolid it\n"
 )
-#: Longest time of a motion here [s]. Source: our own choice, on a slow machine.
-MOVED_S = 20.0
 
 
 @dataclass
@@ -95,7 +86,7 @@ class Walk:
 
     def look(self) -> None:
         """Note the controls that are on the page."""
-        self.met |= self.person.controls()
+        self.met |= {one_of_its_kind(each) for each in self.person.controls()}
 
     def press(self, label: str, button: str) -> None:
         self.used.add(f"{label}/{button}")
@@ -109,11 +100,16 @@ class Walk:
         self.used.add(label)
         self.person.tick(label)
 
+    def send(self, words: str) -> None:
+        """Press what sends words to the simulator."""
+        self.used.add(one_of_its_kind(words))
+        self.person.click(f"//*[@data-trocar-send='{words}']")
+
     def see(self, topic: str, fits: Callable[[dict], bool]) -> dict:
-        return self.reads.hear(topic, fits, MOVED_S)
+        return self.reads.hear(topic, fits, PATIENCE_S)
 
     def until(self, met: Callable[[], bool], what: str) -> None:
-        self.person.browser.wait(met, what, MOVED_S)
+        self.person.browser.wait(met, what, PATIENCE_S)
 
     def state(self, *words: str) -> None:
         """Wait until PSM1 is in a state, as "ENABLED", "is_homed"."""
@@ -129,9 +125,9 @@ class Walk:
         return self.reads.hear("/scene/time")["data"]
 
     def moves(self, topic: str) -> bool:
-        """Test whether something goes on moving."""
-        before = self.reads.hear(topic)["position"]
-        time.sleep(0.4)
+        """Test whether something goes on moving while time does."""
+        before, since = self.reads.hear(topic)["position"], self.time_s
+        self.see("/scene/time", lambda it: not since <= it["data"] < since + 0.4)
         after = self.reads.hear(topic)["position"]
         return bool(np.abs(np.subtract(before, after)).max() > 1e-4)
 
@@ -145,10 +141,15 @@ class Walk:
         """Return a downloaded file, once it is whole, and delete it."""
         file = self.folder / name
         self.until(lambda: file.is_file() and file.stat().st_size > 0, f"{name} is downloaded")
-        time.sleep(0.2)
+        self.until(lambda: not [*self.folder.glob("*.crdownload")], f"all of {name}")
         content = file.read_bytes()
         file.unlink()
         return content
+
+
+def one_of_its_kind(control: str) -> str:
+    """Return a control, of the outline's rows one for all of a kind: "outline/see"."""
+    return "/".join(control.split("/")[:2]) if control.startswith("outline/") else control
 
 
 @contextmanager
@@ -251,7 +252,8 @@ def sliders(at: Walk) -> None:
             part = f"{prefix}/{kind}" if kind else prefix
             topic = f"/{part}/{'measured' if arm[:3] in ('MTM', 'SUJ') else 'setpoint'}_js"
             at.used.add(label)
-            goal, exact = at.person.slide(label, 0.55)
+            before = at.person.share(label)
+            goal, exact = at.person.slide(label, before + (0.12 if before < 0.5 else -0.12))
             row = 0 if kind else k
             at.see(topic, near(row, goal / scale, exact / scale))
         if arm == "PSM1":
@@ -416,6 +418,11 @@ def what_is_drawn(at: Walk) -> None:
     at.until(lambda: person.sees("/see/path_PSM1"), "the path of the tip")
     at.tick("Tip paths")
     at.until(lambda: not person.sees("/see/path_PSM1"), "no path")
+    at.tick("Workspace")
+    at.until(lambda: person.sees("/see/workspace"), "the workspace")
+    at.until(lambda: (person.browser.read("workspace") or "").startswith("PSM1: "), "its volume")
+    at.tick("Workspace")
+    at.until(lambda: not person.sees("/see/workspace"), "no workspace")
     person.unfold("See")
     at.tick("Remote centres")
     at.until(lambda: not person.sees("/marks/centre_PSM1"), "no remote centres")
@@ -430,6 +437,43 @@ def what_is_drawn(at: Walk) -> None:
     at.until(lambda: person.tab.execute_script(light), "reflections")
     at.pick("Drawing", "plain")
     at.until(lambda: not person.tab.execute_script(light), "none")
+
+
+def outline(at: Walk) -> None:
+    person, picked = at.person, "return document.querySelector('.picked')?.innerText ?? ''"
+
+    def finds(name: str) -> None:
+        at.until(lambda: person.tab.execute_script(picked) == name, f"picked: {name!r}")
+        at.until(lambda: person.sees("/see/picked") == bool(name), "its axes")
+
+    person.unfold("Outline")
+    at.press("Pick", "Click in the scene")
+    at.press("Pick", "click a link ... (cancel)")
+    at.press("Pick", "Click in the scene")
+    at.until(lambda: "Pick/click a link ... (cancel)" in at.person.controls(), "it waits")
+    at.look()
+    person.click_on("/world/block", 0.12)
+    finds("block")
+    at.look()
+    at.send("outline/pick/block")
+    finds("")
+    meshes = """
+    let count = 0;
+    __viserMutable.nodeRefFromName["/world/block"]?.traverseVisible((part) => {
+      count += Boolean(part.isMesh);
+    });
+    return count;
+    """
+    at.send("outline/see/block")
+    at.until(lambda: person.tab.execute_script(meshes) == 0, "the block is hidden")
+    at.send("outline/see/block")
+    at.until(lambda: person.tab.execute_script(meshes) > 0, "the block is shown")
+    link = "//*[@data-trocar-send='outline/pick/PSM1/yaw']"
+    at.send("outline/open/PSM1")
+    at.until(lambda: bool(person.all(link)), "the links of the arm")
+    at.send("outline/open/PSM1")
+    at.until(lambda: not person.all(link), "no links of the arm")
+    person.unfold("Outline")
 
 
 def plots(at: Walk) -> None:
@@ -504,8 +548,18 @@ def cameras(at: Walk) -> None:
     wide(640)
     at.press("View", "right")
     at.press("View", "left")
+    at.send("cameras/save")
+    saved = at.download("endoscope-colour.png")
+    assert saved[:4] == b"\x89PNG"
+    assert [int.from_bytes(saved[k : k + 4], "big") for k in (16, 20)] == [640, 480]
     at.pick("Camera", "room")
     wide(320)
+    legend = "return document.querySelector('[data-trocar=legend]')?.innerText ?? ''"
+    for content, words in {"depth": "[mm]", "ids": "point"}.items():
+        at.press("Content", content)
+        at.until(lambda w=words: w in person.tab.execute_script(legend), content)
+    at.press("Content", "colour")
+    at.until(lambda: not person.tab.execute_script(legend), "no legend")
     at.pick("Camera", "endoscope")
     wide(640)
     bright = """
@@ -585,7 +639,7 @@ def help_and_gallery(at: Walk) -> None:
 
 WAYS = (
     the_scene, time_stands_and_begins_anew, named_poses, power, sliders, servo_control,
-    the_last_minute, hands, what_is_drawn, plots, own_files, cameras, measurements, pedals,
+    the_last_minute, hands, what_is_drawn, outline, plots, own_files, cameras, measurements, pedals,
     help_and_gallery,
 )  # fmt: skip
 

@@ -130,21 +130,21 @@
     batches.forEach((mesh, k) => follow(mesh, bodies.slice(BODIES * k, BODIES * (k + 1))));
   }
 
-  // The opaque meshes without textures of each body that is shown.
+  // The opaque meshes without textures of each body and mark that is shown.
   function bodiesOf(nodes) {
     const bodies = [], named = new Set(Object.values(nodes));
     const shown = (node) => !node || (node.visible && shown(node.parent));
     const collect = (node, meshes) => {
       const { material } = node;
       if (material?.isMeshStandardMaterial && !material.transparent && !material.map
-          && node.geometry.index) {
+          && !node.isInstancedMesh) {
         meshes.push(node);
       }
       for (const child of node.children) if (!named.has(child)) collect(child, meshes);
       return meshes;
     };
     for (const name in nodes) {
-      if (!name.startsWith("/world/") || name.startsWith("/world/drawings/")) continue;
+      if (!/^\/(world|marks)\//.test(name) || name.startsWith("/world/drawings/")) continue;
       const meshes = nodes[name] && shown(nodes[name]) ? collect(nodes[name], []) : [];
       if (meshes.length > 0) bodies.push(meshes);
     }
@@ -161,14 +161,16 @@
     for (const name in joint) {
       joint[name] = new Attribute(new Float32Array(joint[name] * vertices), joint[name]);
     }
-    const indices = new Uint32Array(sum((each) => each.index.count));
+    const indices = new Uint32Array(
+      sum(({ index, attributes }) => (index ?? attributes.position).count));
     let at = 0, end = 0;
     bodies.forEach((meshes, body) => {
       for (const { geometry: { attributes, index }, material } of meshes) {
         const { color: { r, g, b }, metalness, roughness } = material;
         joint.position.array.set(attributes.position.array, 3 * at);
         joint.normal.array.set(attributes.normal.array, 3 * at);
-        for (const vertex of index.array) indices[end++] = vertex + at;
+        if (index) for (const vertex of index.array) indices[end++] = vertex + at;
+        else for (let k = 0; k < attributes.position.count; k++) indices[end++] = k + at;
         for (let left = attributes.position.count; left > 0; left--, at++) {
           joint.tint.setXYZW(at, r, g, b, body);
           joint.finish.setXY(at, metalness, roughness);
@@ -240,6 +242,7 @@
         }
       }
       changes += moved;
+      return;  // `take` shows what it brings
     }
     show();
   }
@@ -251,6 +254,7 @@
     scale = facts.scale ?? 1;
     plain = facts.plain ?? plain;
     applyScale();
+    show();
   }
 
   function send(value) {

@@ -441,7 +441,7 @@ class Desk:
     def _save(self, name: str, data: bytes) -> None:
         """Have the browser save a file."""
         if isinstance(self.browser, viser.ClientHandle):
-            self.browser.send_file_download(name, data)
+            self.browser.send_file_download(name, data, save_immediately=True)
 
     # ------------------------------------------------------------------ from the browser
 

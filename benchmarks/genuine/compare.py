@@ -27,6 +27,8 @@ SETPOINTS = ("setpoint_js", "jaw/setpoint_js")
 HANG = "a move while the arm is not homed: the robot stays busy for ever, ours refuses"
 RESUME = "pause twice, then resume: ours is ENABLED; the robot stays PAUSED until disabled"
 UNSET = "move_jr during a move: the jaw's goal stays; the robot adds a number that it never set"
+#: Limits of the jaw, where set-points wait for a trajectory beyond. Source: recorded. [rad]
+JAW_LIMITS = (-0.698132, 1.39626)
 #: Words of a walk's steps that begin a move.
 MOVING = frozenset(("move_jp", "jaw/move_jp", "move_jr"))
 OUTCOME = ("operating_state", "desired_state", "goal_reached", "status")
@@ -78,7 +80,7 @@ def compared(
                 if k in ends[0] and k in ends[1]
             )
         )
-        unset = unset and not _jaws_agree(ends) or _takes_unset(a)
+        unset = (unset and not _jaws_agree(ends)) or _takes_unset(a)
         seen = [outcome(a), outcome(b)]
         walk = key[0][0].isdecimal()
         for each in seen if walk else ():
@@ -180,9 +182,12 @@ def _takes_unset(robot: Mapping[str, Any]) -> bool:
 
 
 def _jaws_agree(ends: Sequence[Mapping[str, Any]]) -> bool:
-    """Return whether two records' jaws ended in the same place."""
+    """Return whether two records' jaws ended in the same place, not both at a limit.
+
+    At a limit their trajectories may be in different places beyond it.
+    """
     a, b = (end.get("jaw/setpoint_js", []) for end in ends)
-    return _near(a, b)
+    return _near(a, b) and not any(_near(a, [limit]) for limit in JAW_LIMITS)
 
 
 def before_parting(found: Sequence[Row]) -> dict[str, tuple[int, int]]:

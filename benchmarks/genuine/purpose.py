@@ -9,6 +9,9 @@ EFFORT = "efforts: the arm moves by its dynamics; the robot's simulation has non
 HOMED = "a new simulation: ours is enabled and homed; the robot's software starts DISABLED"
 MASTER = "teleoperation: a simulated master yields to its load; the robot's simulation has none"
 TOOL = "no instrument: an arm has three joints; the robot's set-points keep those of the instrument"
+LINE = (
+    "moves of several joints: each keeps its own limits; some of the robot's take a straight line"
+)
 BRAKES = "setup joints: brakes and links yield by a millimetre; the robot's simulation has no load"
 
 #: {plan: {step or fact: reason}}. A reason is a row of docs/as-on-the-robot.md.
@@ -20,6 +23,9 @@ PURPOSE: dict[str, dict[str, str]] = {
         "F2 servo_jf zero": EFFORT, "F6 hold": EFFORT,
         "N1 servo_jp NaN": NAN, "N2 move_jp home": NAN, "N3 move_jp NaN": NAN,
         "N4 disable": NAN, "N5 home": NAN,
+    },
+    "walk-moves": {
+        "44.14 move_jp jaw/servo_jp": LINE, "51.18 move_jp jaw/servo_jp jaw/move_jp": LINE,
     },
     "mtm": {
         "S0 disable": HOMED, "S1 move_jp while DISABLED": HOMED, "S2 home while DISABLED": HOMED,

@@ -14,10 +14,10 @@ PSM1 = "system-PSM1_Classic_KIN_SIMULATED.json"
 #: Topics of a master beside those of every arm.
 MASTER = {"orientation_locked": "std_msgs/Bool", "gripper/closed": "std_msgs/Bool"}
 FULL = "system-full-system-simulated.json"
-#: Seeds of walks that were recorded; those from 20 on are of ten unseen ones that parted first.
+#: Seeds of walks that were recorded; those from 20 on are of unseen ones that parted first.
 SEEDS = {
     "walk-states": ("0", "1", "2", "3", "20", "21", "23", "27"),
-    "walk-moves": ("0", "1", "2", "3", "4", "5"),
+    "walk-moves": ("0", "1", "2", "3", "4", "5", "26", "43", "44", "51", "52"),
     "walk-poses": ("0", "1", "2", "3", "4", "5", "23", "26"),
 }
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from benchmarks.genuine.compare import HANG, RESUME
+from benchmarks.genuine.compare import HANG, RESUME, UNSET
 
 NAN = "NaN: ours is rejected; the robot's set-points become NaN, and it disables"
 EFFORT = "efforts: the arm moves by its dynamics; the robot's simulation has none"
 HOMED = "a new simulation: ours is enabled and homed; the robot's software starts DISABLED"
 MASTER = "teleoperation: a simulated master yields to its load; the robot's simulation has none"
-UNSET = "move_jr during a move: the jaw's goal stays; the robot adds a number that it never set"
 TOOL = "no instrument: an arm has three joints; the robot's set-points keep those of the instrument"
+LINE = (
+    "moves of several joints: each keeps its own limits; some of the robot's take a straight line"
+)
 BRAKES = "setup joints: brakes and links yield by a millimetre; the robot's simulation has no load"
 
 #: {plan: {step or fact: reason}}. A reason is a row of docs/as-on-the-robot.md.
@@ -22,7 +24,9 @@ PURPOSE: dict[str, dict[str, str]] = {
         "N1 servo_jp NaN": NAN, "N2 move_jp home": NAN, "N3 move_jp NaN": NAN,
         "N4 disable": NAN, "N5 home": NAN,
     },
-    "walk-moves": {"3.06 jaw/servo_jp jaw/move_jp move_jr": UNSET},
+    "walk-moves": {
+        "44.14 move_jp jaw/servo_jp": LINE, "51.18 move_jp jaw/servo_jp jaw/move_jp": LINE,
+    },
     "mtm": {
         "S0 disable": HOMED, "S1 move_jp while DISABLED": HOMED, "S2 home while DISABLED": HOMED,
         "S3 pause while DISABLED": HOMED, "P fix": HOMED, "G2 body/servo_cf 0": EFFORT,
@@ -43,4 +47,4 @@ PURPOSE: dict[str, dict[str, str]] = {
     },
 }  # fmt: skip
 #: Reasons that the comparison finds by a rule.
-RULES = (HANG, RESUME)
+RULES = (HANG, RESUME, UNSET)

@@ -85,6 +85,11 @@ def test_a_tool_comes_off_and_the_same_one_goes_on_again():
         served.run(0.01)
         assert arm.description.tool == tool
         assert served.last("PSM1/IO/tool")["buttons"] == [int(on)]
+    said = [message["data"] for message in served.messages("PSM1/status")]
+    assert [text for text in said if "tool" in text] == [
+        "PSM1: no tool detected",
+        "PSM1: tool detected",
+    ]
 
 
 @pytest.mark.parametrize("name", ["SCALPEL", "/etc/passwd", "../../tool.toml"])

@@ -278,9 +278,3 @@ def test_set_points_and_measured_agree_at_rest():
         kinds = [j.kind for j in a.description.joints][: len(error)]
         allowed = [1e-4 if kind == "prismatic" else 2e-3 for kind in kinds]
         assert (error <= allowed).all(), (a.name, error)
-
-
-def test_goals_of_the_jaw_and_of_move_jr_beyond_a_limit_are_clipped(arm):
-    """The robot's trajectory goes on beyond; one of 60 rad would keep it busy for minutes."""
-    assert arm.jaw.move_jp([60.0]).goal == pytest.approx([arm.joints.upper[6]])
-    assert arm.move_jr([60.0, 0, 0, 0, 0, 0]).goal[0] == pytest.approx(arm.joints.upper[0])

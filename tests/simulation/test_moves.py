@@ -362,3 +362,76 @@ def test_velocities_at_the_limit_are_taken_as_they_are():
     assert arm.servo_jp(arm.setpoint_js().position, most)
     np.testing.assert_array_equal(arm.setpoint_js().velocity, most)
     assert arm.rejections.count == 0
+
+
+def jaws(world: World, goals: tuple[float, ...], periods: int) -> np.ndarray:
+    """The jaw's set-points while it moves to goals, begun `periods` apart, (periods * goals,)."""
+    found = []
+    for goal in goals:
+        world.arm("PSM1").jaw.move_jp([goal])
+        found.append(jaw_followed(world, periods))
+    return np.concatenate(found)
+
+
+def jaw_followed(world: World, periods: int) -> np.ndarray:
+    found = []
+    for _ in range(periods):
+        world.step()
+        found.append(float(world.arm("PSM1").jaw.setpoint_js().position[0]))
+    return np.array(found)
+
+
+def jaw_at(angle: float) -> World:
+    world = World("psm")
+    world.arm("PSM1").jaw.servo_jp([angle])
+    return world
+
+
+@pytest.mark.parametrize("periods", [400, 500, 1500], ids=["before the limit", "beyond", "at rest"])
+def test_beyond_a_limit_the_jaw_waits_for_its_trajectory_there_and_back(periods):
+    """As recorded, walk-moves 26.05 to 26.09; the same way 1 rad lower is within the limits.
+
+    The second goal comes where the trajectory is before the limit but cannot stop there, beyond
+    it, or at rest beyond it.
+    """
+    upper = float(World("psm").arm("PSM1").joints.upper[6])
+    goals = upper + 0.5, 0.45
+    free = jaws(jaw_at(-0.6), tuple(goal - 1.0 for goal in goals), periods)
+    held = jaws(jaw_at(0.4), goals, periods)
+    np.testing.assert_allclose(held, np.minimum(free + 1.0, upper), atol=1e-12)
+    assert (held == upper).sum() > 20
+
+
+def test_a_command_at_the_limit_ends_the_trajectory_beyond_it():
+    world = jaw_at(0.4)
+    jaw, upper = world.arm("PSM1").jaw, float(world.arm("PSM1").joints.upper[6])
+    assert jaw.move_jp([upper + 2.0]).goal == pytest.approx([upper + 2.0])
+    jaws(world, (upper + 2.0,), 400)
+    jaw.servo_jp([upper])
+    back = jaws(world, (0.4,), 400)
+    reference = jaws(jaw_at(upper), (0.4,), 400)
+    np.testing.assert_allclose(back, reference, atol=1e-12)
+
+
+def test_a_relative_move_goes_on_beyond_a_limit_and_comes_back_from_there():
+    world = World("psm")
+    arm = world.arm("PSM1")
+    upper = float(arm.joints.upper[0])
+    assert arm.move_jr([upper + 0.5, 0, 0, 0, 0, 0]).wait()
+    assert arm.setpoint_js().position[0] == upper
+    assert "yaw clipped" in arm.rejections.last
+    arm.move_jp([0.0, 0, 0.12, 0, 0, 0])
+    path = followed(world, 1200)[:, 0]
+    a = arm.description.joints[0].acceleration_max
+    waited = np.sqrt(2 * 0.5 / a)  # until the trajectory has come back by 0.5 rad
+    assert (path == upper).sum() * world.timestep == pytest.approx(waited, abs=4e-3)
+
+
+def test_a_trajectory_beyond_a_limit_goes_on_after_save_and_load():
+    world = jaw_at(0.4)
+    jaws(world, (2.0, 0.45), 100)
+    state = world.save()
+    rest = jaw_followed(world, 200)
+    other = World("psm")
+    other.load(state)
+    np.testing.assert_array_equal(jaw_followed(other, 200), rest)

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import gzip
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -13,6 +17,7 @@ from trocar.simulation.journal import Entry
 from trocar.teleoperation import Teleoperation, component
 
 NAME = "MTMR_PSM1"
+RECORDED = Path(__file__).parents[1] / "genuine" / "recorded" / "teleoperation.json.gz"
 
 
 class Served:
@@ -154,6 +159,27 @@ def test_the_console_enables_what_is_selected_while_an_operator_is_there() -> No
     assert states[NAME].desired == "ENABLED"
     served.send("console/teleop/enable", data=False)
     assert {one.current for one in states.values()} == {"DISABLED"}
+
+
+def test_pedals_and_switch_publish_the_desired_states_that_were_recorded() -> None:
+    """Also DISABLED once more when an operator leaves before teleoperation is switched on."""
+    served = Served()
+    robot = {each["step"]: each["events"] for each in json.loads(gzip.decompress(
+        RECORDED.read_bytes()))["steps"]}  # fmt: skip
+    present, enable = "console/emulate_operator_present", "console/teleop/enable"
+    for step, topic, fields in (
+        ("L3 operator away", present, {"buttons": [0]}),
+        ("L4 teleop/enable", enable, {"data": True}),
+        ("L5 operator present", present, {"buttons": [1]}),
+        ("L18 operator leaves", present, {"buttons": [0]}),
+        ("L20 operator back", present, {"buttons": [1]}),
+        ("L21 teleop/disable", enable, {"data": False}),
+    ):
+        before = len(served.published(f"{NAME}/desired_state"))
+        served.send(topic, **fields)
+        found = served.published(f"{NAME}/desired_state")[before:]
+        recorded = [value for _, name, value in robot[step] if name == f"/{NAME}/desired_state"]
+        assert found == recorded, step
 
 
 @pytest.mark.parametrize("topic", ["system/power_off", "console/power_off"])

@@ -49,7 +49,8 @@ kit=$src/sawIntuitiveResearchKit/core/components
 sed -i '/^ *cisstInteractive$/d' "$kit/CMakeLists.txt"
 sed -i "s|<cisstInteractive/ireTask.h>|\"$here/ireTask.h\"|" "$kit/code/system.cpp"
 
-part netlib "$src/cisstNetlib" -DCMAKE_INSTALL_PREFIX="$ROOT/install"
+# Without optimisation: CLAPACK's slamch and dlamch measure the arithmetic and may not be optimised.
+part netlib "$src/cisstNetlib" -DCMAKE_BUILD_TYPE= -DCMAKE_INSTALL_PREFIX="$ROOT/install"
 quiet netlib make -j"$jobs"
 quiet netlib make install
 

@@ -96,6 +96,8 @@ class Sampler:
         self._moved: set[str] = set()
         self._held: frozenset[str] = frozenset()
         self._current: dict[str, str] = {}
+        #: Arms without an instrument.
+        self._bare: set[str] = set()
         self._stops: list[Callable[[], None]] = []
         self._paused: bool | None = None
         self._timed = False
@@ -111,6 +113,8 @@ class Sampler:
             if name in arms:
                 now = arms[name].operating_state()
                 self._current[before] = now.phase
+                if not arms[name].description.tool:
+                    self._bare.add(name)
         self._stops = [self._loop.world.listen(self._hear), self._loop.watch(self)]
 
     def stop(self) -> None:
@@ -200,6 +204,8 @@ class Sampler:
             busy = entry.values["is_busy"] or entry.source in self._loop.held
             self._append(before, entry.name, {**entry.values, "is_busy": busy})
             self._append_phase(before, self._loop.world.arm(entry.source))
+        elif entry.name == "tool_type":
+            self._append_tool(before, entry.source, entry.values["tool"])
         elif entry.name == "gripper/pinch":
             self._append(before, entry.name, {})
         elif entry.name in PLAIN:
@@ -210,6 +216,16 @@ class Sampler:
         self._events.append(Event(f"{before}/{key}", fields, stamp))
         if key == "desired_state":
             self._append(before, "status", {"data": f"desired state {fields['data']}"})
+
+    def _append_tool(self, before: str, name: str, tool: str) -> None:
+        """Report that an instrument is there, or is no longer there; not an exchange.
+
+        Source: SAW 9e535e6, mtsIntuitiveResearchKitPSM.cpp:1557.
+        """
+        if bool(tool) == (name in self._bare):
+            (self._bare.discard if tool else self._bare.add)(name)
+            text = "tool detected" if tool else "no tool detected"
+            self._append(before, "status", {"data": text})
 
     def _append_phase(self, before: str, arm: Arm) -> None:
         """Report a new state of an arm by the name that the dVRK's status messages have for it.

@@ -232,6 +232,7 @@ class JointControl:
                 np.array([j.velocity_max for j in arm.joints]),
                 np.array([j.acceleration_max for j in arm.joints]),
             ),
+            (self.lower, self.upper),
             (slice(0, arm.own_joints + arm.has_jaw), slice(0, arm.own_joints)),
             clock.wait,
             self._over,
@@ -405,35 +406,59 @@ class JointControl:
         every[part] = np.clip(requested, -limit, limit)
         self.motors.command_effort(every)
 
-    def move(self, q: ArrayLike, part: slice, verb: str) -> Motion:
-        """Move some joints to a goal within velocity and acceleration limits."""
+    def move(
+        self,
+        q: ArrayLike,
+        part: slice,
+        verb: str,
+        *,
+        beyond: bool = False,
+        jaw: float | None = None,
+    ) -> Motion:
+        """Move some joints to a goal within velocity and acceleration limits.
+
+        Args:
+            q: goal, (n,) [rad or m]
+            part: which joints
+            verb: of the command
+            beyond: let the trajectory go on beyond a limit, while set-points wait there, as the
+                robot's does for goals of the jaw and of relative moves; else the goal is clipped
+            jaw: another goal of the jaw, which goes along [rad]
+        """
         target = self.rejections.vector(q, self.joint_names[part], verb, "positions")
         if target is None or self._immobile(part, verb):
             return self.rejected(part)
         allowed = self._allowed(target, part, verb)
         if allowed is None:
             return self.rejected(part)
+        goal, moves = allowed
+        if beyond:
+            goal = np.where(moves, target, goal)
         self.under_position(self._together(part))
-        self._warn_of_jaw(part, verb)
+        self._warn_of_jaw(part, verb, jaw)
         try:
-            return self.moves.begin(allowed[0], part, self._clock.time)
+            return self.moves.begin(goal, part, self._clock.time, jaw=jaw)
         except InputError as problem:
             self.rejections.reject(verb, "plan", str(problem))
             return self.rejected(part)
 
     def move_relative(self, dq: ArrayLike, part: slice, verb: str) -> Motion:
-        """Move on from the goal that some joints have, or from their set-points."""
+        """Move on from the goal that some joints have, or from their set-points.
+
+        Where none moves, a relative move of the arm adds the jaw's set-point to the goal of the
+        jaw's last move. Source: SAW, mtsIntuitiveResearchKitArm.cpp:2157: to the goal of the last
+        trajectory, whose first joints are those of the command, it adds the set-points of all.
+        """
         change = self.rejections.vector(dq, self.joint_names[part], verb, "positions")
         if change is None:
             return self.rejected(part)
-        goal = self.setpoints(part) if self.switched else self.moves.goal(part)
-        jaw = self.moves.joints.stop - 1
-        before = self.moves.target[jaw]
-        self._add_jaw(part)
-        motion = self.move(goal + change, part, verb)
-        if motion.reason:
-            self.moves.target[jaw] = before
-        return motion
+        moves = self.moves
+        goal = self.setpoints(part) if self.switched else moves.goal(part)
+        jaw = moves.joints.stop - 1
+        added = None
+        if moves.profile is None and part.stop == jaw:
+            added = float(moves.target[jaw] + self.motors.position[jaw])
+        return self.move(goal + change, part, verb, beyond=True, jaw=added)
 
     def rejected(self, part: slice) -> Motion:
         """Return a motion that is over and reached nothing, for the last reason."""
@@ -531,23 +556,13 @@ class JointControl:
             self.report("goal_reached", reached=reached)
         self.ended()
 
-    def _add_jaw(self, part: slice) -> None:
-        """Add the jaw's set-point to the goal of its last move, as the robot does in move_jr.
-
-        Source: SAW, mtsIntuitiveResearchKitArm.cpp:2157: to the goal of the last trajectory, whose
-        first joints are those of the command, it adds the set-points of all.
-        """
-        moves, jaw = self.moves, self.moves.joints.stop - 1
-        if moves.profile is None and part.stop == jaw:
-            goal = moves.target[jaw] + self.motors.position[jaw]
-            moves.target[jaw] = np.clip(goal, self.lower[jaw], self.upper[jaw])
-
-    def _warn_of_jaw(self, part: slice, verb: str) -> None:
-        """Warn of a jaw that a move of the arm takes along."""
+    def _warn_of_jaw(self, part: slice, verb: str, other: float | None) -> None:
+        """Warn of a jaw that a move of the arm takes along, to its last goal or another."""
         moves, jaw = self.moves, self.moves.joints.stop - 1
         if moves.profile is not None or part.stop != jaw:
             return
-        goal, now = moves.target[jaw], self.motors.position[jaw]
+        goal, now = moves.target[jaw] if other is None else other, self.motors.position[jaw]
+        goal = np.clip(goal, self.lower[jaw], self.upper[jaw])
         if abs(goal - now) > 1e-3:
             self.rejections.warn(
                 f"{verb} jaw",

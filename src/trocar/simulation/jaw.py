@@ -68,8 +68,8 @@ class Jaw:
 
     @command
     def move_jp(self, q: ArrayLike) -> Motion:
-        """Move the opening to a goal, (1,) [rad]."""
-        return self._begun(self._control.move(q, self._part, "jaw.move_jp"))
+        """Move the opening to a goal, (1,) [rad]; beyond a limit the set-point waits there."""
+        return self._begun(self._control.move(q, self._part, "jaw.move_jp", beyond=True))
 
     @command
     def move_jr(self, dq: ArrayLike) -> Motion:

@@ -242,8 +242,8 @@ class ArmJoints:
     def move_again(self) -> Motion:
         """Move to the goal of the last move, with the jaw: the robot's answer to one without."""
         run = self._arm
-        part = run.control.moves.joints
-        return run.begun(run.control.move(run.control.moves.target[part], part, "move_again"))
+        part, goal = run.control.moves.joints, run.control.moves.target
+        return run.begun(run.control.move(goal[part], part, "move_again", beyond=True))
 
     @command
     def set_trajectory_ratio(self, ratio: float, of: Share = "both") -> None:

@@ -55,7 +55,20 @@ class Motion:
 class Profile:
     """Set-points from a position and velocity to a goal at rest.
 
-    Jerk is unlimited and all joints arrive together, as with the dVRK's Reflexxes type II.
+    Jerk is unlimited and all joints arrive together, as with the dVRK's Reflexxes type II. Where
+    the trajectory leads beyond bounds, set-points wait there, also on its way back. Source: SAW,
+    mtsIntuitiveResearchKitArm.cpp:1548 and mtsIntuitiveResearchKitPSM.cpp:1383, which clip what the
+    trajectory has, but not the trajectory.
+
+    Args:
+        start: position and velocity, (n,) each [rad or m, per s]
+        goal: (n,) [rad or m]
+        limits: largest velocities and accelerations, (n,) each
+        time: of the beginning [s]
+        bounds: lower and upper bound of set-points, (n,) each; None: none
+
+    Raises:
+        InputError: no trajectory leads there
     """
 
     def __init__(
@@ -64,6 +77,7 @@ class Profile:
         goal: Array,
         limits: tuple[Array, Array],
         time: float,
+        bounds: tuple[Array, Array] | None = None,
     ) -> None:
         count = len(goal)
         profile_input = _RUCKIG.InputParameter(count)
@@ -74,7 +88,7 @@ class Profile:
         profile_input.target_position = goal.tolist()
         profile_input.max_velocity = most.tolist()
         profile_input.max_acceleration = rate.tolist()
-        self._inputs = (position.copy(), velocity.copy()), goal.copy(), limits, time
+        self._inputs = (position.copy(), velocity.copy()), goal.copy(), limits, time, bounds
         self._path = _RUCKIG.Trajectory(count)
         try:
             result = _RUCKIG.Ruckig(count).calculate(profile_input, self._path)
@@ -91,9 +105,24 @@ class Profile:
         self.goal = goal.copy()
         self.start = time
         self.duration = float(self._path.duration)
+        #: None where no bound is met: from rest a trajectory stays between its ends.
+        self._bounds = bounds
+        if bounds is not None and not velocity.any():
+            lower, upper = bounds
+            ends = np.array([position, goal])
+            if (ends >= lower).all() and (ends <= upper).all():
+                self._bounds = None
 
     def at(self, time: float) -> tuple[Array, Array]:
-        """Return (position, velocity) at a time, (n,) each; at rest on the goal once over."""
+        """Return (position, velocity) of set-points at a time, (n,) each; at rest once over."""
+        position, velocity = self.ahead(time)
+        if self._bounds is None:
+            return position, velocity
+        inside = np.clip(position, *self._bounds)
+        return inside, np.where(inside == position, velocity, 0.0)
+
+    def ahead(self, time: float) -> tuple[Array, Array]:
+        """Return (position, velocity) of the trajectory itself, (n,) each."""
         if self.over(time):
             return self.goal.copy(), np.zeros(len(self.goal))
         position, velocity, _ = self._path.at_time(max(time - self.start, 0.0))
@@ -142,6 +171,7 @@ class Moves:
     Args:
         position, velocity: set-points, (n,) [rad or m, per s]; written in place
         limits: largest velocities and accelerations, (n,) each
+        bounds: lower and upper limits of positions, (n,) each [rad or m]
         joints: those that moves move, the jaw is the last where there is one
         own: those of them that are not the jaw
         wait: waits for a move
@@ -164,11 +194,13 @@ class Moves:
         position: Array,
         velocity: Array,
         limits: tuple[Array, Array],
+        bounds: tuple[Array, Array],
         joints: tuple[slice, slice],
         wait: Callable[[Motion, float | None], bool],
         over: Callable[[bool], None],
     ) -> None:
         self._position, self._velocity, self._limits = position, velocity, limits
+        self._bounds = bounds
         self.joints, self._own = joints
         self._wait, self._over = wait, over
         self.velocity_max = limits[0]
@@ -187,8 +219,17 @@ class Moves:
         """Return the handle of a move to a goal."""
         return Motion(goal, self._wait)
 
-    def begin(self, goal: Array, part: slice, time: float, silent: bool = False) -> Motion:
+    def begin(
+        self,
+        goal: Array,
+        part: slice,
+        time: float,
+        silent: bool = False,
+        jaw: float | None = None,
+    ) -> Motion:
         """Move some joints to a goal, from where their set-points are and go.
+
+        From beyond a limit, where only the last trajectory went, it leads back from there.
 
         The other joints go on to theirs, and all arrive together. Where no trajectory was before,
         the arm's joints stay for a move of the jaw; for one of the arm the jaw goes to the goal of
@@ -198,7 +239,8 @@ class Moves:
             goal: of the joints of `part`, (n,) [rad or m]
             part: which joints
             time: of the beginning, now or later [s]
-            silent: whether its end makes no event, as that of a homing
+            silent: whether its end makes no event, as that of a homing, which no limit bounds
+            jaw: another goal of the jaw, which goes along [rad]
 
         Raises:
             InputError: no trajectory leads there; nothing changes
@@ -207,7 +249,9 @@ class Moves:
         if not self.tracking:
             target[self._own] = self._position[self._own]
         target[part] = goal
-        profile = self._plan(target, time)
+        if jaw is not None:
+            target[self.joints.stop - 1] = jaw
+        profile = self._plan(target, time, bounded=not silent)
         for motion, moved in list(self.motions):
             if moved.start < part.stop and part.start < moved.stop:
                 motion.finish(False)
@@ -222,7 +266,8 @@ class Moves:
     def plan_again(self, time: float) -> None:
         """Go on to the goal within limits that changed."""
         if self.profile is not None:
-            self.profile = self._plan(self.target, max(time, self.profile.start))
+            start = max(time, self.profile.start)
+            self.profile = self._plan(self.target, start, bounded=not self.silent)
 
     def end(self, part: slice) -> None:
         """End the trajectory, for a command to some joints that sets their next set-points."""
@@ -254,13 +299,20 @@ class Moves:
             part = self.drift.part
             self._position[part], self._velocity[part] = self.drift.at(time)
 
-    def _plan(self, target: Array, time: float) -> Profile:
+    def _plan(self, target: Array, time: float, *, bounded: bool) -> Profile:
         part = self.joints
-        start = self._position[part].copy(), self._velocity[part].copy()
+        q, v = self._position[part].copy(), self._velocity[part].copy()
+        lower, upper = (bound[part] for bound in self._bounds)
+        bounds = np.minimum(lower, q), np.maximum(upper, q)
+        if self.tracking:
+            profile = self.profile
+            own, rate = (self.target[part], 0.0 * v) if profile is None else profile.ahead(time)
+            beyond = (own < lower) | (own > upper)
+            q[beyond], v[beyond] = own[beyond], rate[beyond]
         most, rate = self._limits
         limits = self.velocity_ratio * most[part], self.acceleration_ratio * rate[part]
         try:
-            return Profile(start, target[part], limits, time)
+            return Profile((q, v), target[part], limits, time, bounds if bounded else None)
         except InputError as problem:
             raise InputError(
                 f"no trajectory at ratios {self.velocity_ratio:g} of velocities and"

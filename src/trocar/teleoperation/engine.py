@@ -60,6 +60,8 @@ class Console:
         self.selected: list[str] = []
         self.scale = min((c.scale for c in components.values()), default=0.2)
         self.publish: Publish = publish_nothing
+        #: Names of the components that were requested to follow, until they are switched off.
+        self._engaged: set[str] = set()
         for name in components:
             if not self._rivals(name):
                 self.selected.append(name)
@@ -108,7 +110,6 @@ class Console:
         self._check(name)
         if name in self.selected:
             self.selected.remove(name)
-        self._request(self._components[name], DISABLED)
         self.publish("unselected", name)
         self._update()
 
@@ -126,18 +127,21 @@ class Console:
         self.publish("scale", scale)
 
     def _update(self) -> None:
-        """Request of each component the state that follows from switch, operator and pedal."""
-        for name in self.selected:
-            component = self._components[name]
-            is_ecm = component.description.kind == "ecm"
-            if not self.enabled or is_ecm != self.camera:
-                self._request(component, DISABLED)
-            else:
-                self._request(component, ENABLED if self.present or is_ecm else ALIGNING)
+        """Request of each component the state that follows from switch, operator and pedal.
 
-    def _request(self, component: TeleopComponent, state: str) -> None:
-        if component.desired != state:
-            component.request(state)
+        A state that is requested already is requested and published again, as on the robot.
+        """
+        for name, component in self._components.items():
+            is_ecm = component.description.kind == "ecm"
+            if self.enabled and name in self.selected and is_ecm == self.camera:
+                if self.present or is_ecm:
+                    self._engaged.add(name)
+                    component.request(ENABLED)
+                else:
+                    component.request(ALIGNING)
+            elif not self.enabled or not self.present or name in self._engaged:
+                self._engaged.discard(name)
+                component.request(DISABLED)
 
     def _rivals(self, name: str) -> list[str]:
         """Return the selected components that move tools with an arm of this one."""

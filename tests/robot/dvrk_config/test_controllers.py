@@ -54,6 +54,7 @@ def test_observers_and_caps_of_the_dvrks_own_file_are_those_of_the_built_in_arm(
     control = imported(tmp_path).rig.arm("PSM1").arm.control["dvrk"]
     own = World("psm_si").arm("PSM1").description.control["dvrk"]
     assert control.observer == own.observer
+    assert control.disc_observer == own.disc_observer
     assert control.pid_output_max == own.pid_output_max
 
 
@@ -62,7 +63,7 @@ def test_a_lab_changes_and_leaves_out_observers(tmp_path: Path):
     control = found.rig.arm("PSM1").arm.control["dvrk"]
     assert control.observer["yaw"] == Observer(0.02, 30.0)
     assert set(control.pid_output_max) == {"pitch", "insertion"}
-    assert any("discs are not simulated" in note for note in found.notes)
+    assert control.observer["pitch"] == Observer(0.01, 50.0)
     off = imported(tmp_path / "off", use_disturbance_observer=False)
     assert set(off.rig.arm("PSM1").arm.control["dvrk"].observer) == {"pitch", "insertion"}
     World(str(tmp_path / "off" / "rig.toml")).step(5)

@@ -23,7 +23,7 @@ LINK = '[[gravity_link]]\nname = "yaw"\nalpha_deg = 90.0\n'
             r"control.dvrk.observer: got 'elbow'; allowed: y",
         ),
         ("[0.0005, 0.0], ", "", r"disc_observer: got 3; allowed: 4, one of each disc"),
-        ("[0.0005, 0.0], ", "[0.0005, -1.0], ", r"dvrk: disc_observer: got .*; allowed: 0 or more"),
+        ("[0.0005, 0.0], ", "[0.0005, -1.0], ", r"dvrk.disc_observer: got .*; allowed: 0 or more"),
         ("[0.0005, 0.0], ", "[0.0005], ", r"dvrk.disc_observer: got .*2 numbers"),
         ("[[0.0005", "0.5 # [[0.0005", r"disc_observer: got 0.5; allowed: 4 rows of 2 numbers"),
         (

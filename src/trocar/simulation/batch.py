@@ -184,7 +184,7 @@ class Batch:
         self._observed = np.zeros((self.n, watched[0]))
         self._steady, self._fed, self._efforts = np.zeros((3, self.n, watched[1]))
         self._force = self._rows.bind("actuator_force")
-        self._ctrl = self._rows.bind("ctrl")
+        self._ctrl, self._act = self._rows.bind("ctrl"), self._rows.bind("act")
         self._qpos, self._qvel = self._rows.bind("qpos"), self._rows.bind("qvel")
         self._warmstart = self._rows.bind("qacc_warmstart")
         self._objects = ObjectKinematics(self.rig, self._model)
@@ -649,7 +649,12 @@ class Batch:
         effort = self._efforts[worlds] - self._fed[worlds]
         state = self._observed[worlds]
         rates = self._qvel[worlds][:, observers.dof]
-        added = observers.observe(state, effort, rates, self._observing)
+        pid = None
+        if len(observers.discs):
+            ctrl, act = self._ctrl.reshape(self._inputs.shape)[worlds], self._act[worlds]
+            place = self._qpos[worlds], self._qvel[worlds]
+            pid = observers.pid(self._gains[worlds], ctrl, act, place)
+        added = observers.observe(state, effort, rates, pid, self._observing)
         self._observed[worlds], self._fed[worlds] = state, self._steady[worlds]
         fed = added + self._steady[worlds]
         here = worlds[:, None]

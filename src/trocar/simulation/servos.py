@@ -292,7 +292,10 @@ class Servos:
         effort = self._force.take(joints)
         effort -= self._fed
         rates = self._qvel.take(observers.dof)
-        added = observers.observe(self._observed, effort, rates, self._observing)
+        pid, data = None, self._data
+        if len(observers.discs):
+            pid = observers.pid(self.gains, self._ctrl, data.act, (data.qpos, self._qvel))
+        added = observers.observe(self._observed, effort, rates, pid, self._observing)
         self._fed = self._steady
         added += self._steady
         self._feed[joints] = added

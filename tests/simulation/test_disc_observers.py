@@ -88,7 +88,10 @@ def test_the_estimate_is_the_disturbance():
 def test_disc_3_has_no_observer_so_the_wrist_yaw_gives_way():
     """At rest the PID of discs 1, 2 and 4 is idle, and that of disc 3 holds its part."""
     efforts = np.array([0.0, 0.0, 0.03, 0.0])
-    loaded, idle = pushed(observed(*built_in()), efforts), pushed(observed(*built_in()), 0 * efforts)
+    loaded, idle = (
+        pushed(observed(*built_in()), efforts),
+        pushed(observed(*built_in()), 0 * efforts),
+    )
     gains = loaded.servos.gains[WRIST, 0]
     pid = A.T @ (gains * (wrist_error(idle) - wrist_error(loaded)))
     np.testing.assert_allclose(pid, [0.0, 0.0, -0.03 * A[2, 2], 0.0], atol=1e-5)

@@ -100,8 +100,8 @@ def read_control(table: Table) -> dict[str, Control]:
                 raise table.fail(joint, f"got {table.raw(joint)}; allowed: 0 or more")
         given = row.raw("disc_observer", [])
         count = len(cast(list[Any], given)) if isinstance(given, list) else DISCS
-        rows = row.matrix("disc_observer", count, 2).tolist() if count else []
-        discs = tuple(Observer(*pair) for pair in rows)
+        rows: list[list[float]] = row.matrix("disc_observer", count, 2).tolist() if count else []
+        discs = tuple(Observer(mass, cutoff) for mass, cutoff in rows)
         if min((min(disc.mass, disc.cutoff) for disc in discs), default=0.0) < 0.0:
             raise row.fail("disc_observer", f"got {given}; allowed: 0 or more")
         found = row.record(

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.modeling.joints import JointTable
+from trocar.modeling.joints import INPUTS, JointTable
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -43,31 +43,24 @@ class DisturbanceObservers:
     Attributes:
         rows: rows of the table at which a motor has an observer, (K,)
         joints: rows of the table that these motors drive, (R,)
-        dof: degree of freedom that each of these joints drives, (R,)
         coupled: which joints each observer reads or drives, (K, R) bool
-        discs: which observers are of an instrument's discs
+        discs: which observers are of an instrument's discs, (K,) bool
     """
 
     def __init__(self, table: JointTable, timestep: float) -> None:
         self.rows: Index = np.flatnonzero(table.observer[:, 1] > 0.0)
-        velocity, effort = table.observed[self.rows], np.linalg.inv(table.observed).T[self.rows]
+        velocity = table.observed[self.rows]
+        effort: Array = np.linalg.inv(table.observed).T[self.rows].astype(np.float64)
         coupled = (velocity != 0.0) | (effort != 0.0)
         self.joints: Index = np.flatnonzero(coupled.any(axis=0))
-        self.dof: Index = abs(table.rate[self.joints]).argmax(axis=1)
         self.coupled: Bools = coupled[:, self.joints]
-        velocity = velocity[:, self.joints]
+        self.discs: Bools = (table.observed != np.eye(len(table)))[self.rows].any(axis=1)
         mass, cutoff = table.observer[self.rows].T
         self._effort = np.ascontiguousarray(effort[:, self.joints])
-        self._damping = (mass * cutoff)[:, None] * velocity * table.rate[self.joints, self.dof]
-        self._spread = np.ascontiguousarray(velocity.T)
-        self._rate = cutoff * timestep
-        self.discs: Index = np.flatnonzero((table.observed != np.eye(len(table)))[self.rows].any(1))
-        driven = np.flatnonzero(self.coupled[self.discs].any(axis=0))
-        self._wrist, self._wrist_dof = self.joints[driven], self.dof[driven]
-        self._wrist_rate = table.rate[self._wrist, self._wrist_dof]
-        self._wrist_qpos = abs(table.drive[self._wrist]).argmax(axis=1)
-        self._wrist_drive = table.drive[self._wrist, self._wrist_qpos]
-        self._wrist_effort = np.ascontiguousarray(self._effort[np.ix_(self.discs, driven)])
+        self._spread = np.ascontiguousarray(velocity[:, self.joints].T)
+        self._damping, self._rate = (mass * cutoff)[:, None] * velocity, cutoff * timestep
+        self._most = np.where(self.discs, DISC_EFFORT_MAX, np.inf)
+        self._least = -self._most
 
     def acting(self, servoed: Bools) -> Array | None:
         """Return 1 of observers whose joints all have a PID, else 0, (K,); None where all have.
@@ -75,45 +68,36 @@ class DisturbanceObservers:
         Args:
             servoed: joints that their PID drives, (J,)
         """
-        on = ~(self.coupled & ~servoed[self.joints]).any(axis=1)
-        return None if on.all() else on.astype(np.float64)
+        on: Bools = ~(self.coupled & ~servoed[self.joints]).any(axis=1)
+        return None if on.all() else np.where(on, 1.0, 0.0)
 
-    def pid(self, gains: Array, setpoint: Array, integral: Array, state: tuple[Array, Array]) -> Array:
-        """Return the torques that the PID of joints calls for at discs, (..., discs) [N m].
+    def matrix(self, read: Array) -> Array:
+        """Return the matrix of M g v of motors, and twice of what the PID calls for, (3 K, n).
+
+        It is multiplied by the factor of READ. The PID's torques are without those that are fed
+        forward, and 0 of motors other than discs.
 
         Args:
-            gains: P, I, D, (..., J, 3)
-            setpoint: position, velocity and effort fed forward, (..., J, 3)
-            integral: of the position error, (..., J)
-            state: qpos (..., nq) and qvel (..., nv)
+            read: READ of all joints, (3 J, n)
         """
-        joints, (qpos, qvel) = self._wrist, state
-        p, i, d = np.moveaxis(gains[..., joints, :], -1, 0)
-        goal = setpoint[..., joints, :]
-        effort = p * (goal[..., 0] - qpos[..., self._wrist_qpos] * self._wrist_drive)
-        effort += i * integral[..., joints]
-        effort += d * (goal[..., 1] - qvel[..., self._wrist_dof] * self._wrist_rate)
-        return product(self._wrist_effort, effort)
+        _, rate, pid = read.reshape(3, len(read) // 3, -1)
+        fed = pid.copy()
+        fed[:, INPUTS - INPUTS * len(pid) - 1 :: INPUTS] = 0.0
+        called = self._effort @ fed[self.joints] * self.discs[:, None]
+        return np.concatenate([self._damping @ rate, called, called])
 
-    def observe(
-        self,
-        state: Array,
-        effort: Array,
-        rates: Array,
-        pid: Array | None = None,
-        on: Array | None = None,
-    ) -> Array:
+    def observe(self, state: Array, effort: Array, found: Array, on: Array | None = None) -> Array:
         """Return the efforts to add to joints now, (..., R), and go on with the state in place.
 
         Args:
             state: x [N m or N]
             effort: of PID and observer at the joints, (..., R) [N m or N]
-            rates: of the joints' degrees of freedom now, (..., R) [rad/s or m/s]
-            pid: as `pid` returns it; None without discs
+            found: `matrix` times the factor of READ now, (..., 3 K); overwritten
             on: 1 of observers that act, 0 of those that add nothing and keep their state, (K,);
                 None: all act
         """
-        damping = product(self._damping, rates)
+        count = len(self.rows)
+        damping, limited = found[..., :count], found[..., count:]
         change = product(self._effort, effort)
         change += damping
         change -= state
@@ -121,11 +105,11 @@ class DisturbanceObservers:
         if on is not None:
             change *= on
         state += change
-        added = state - damping
-        if pid is not None:
-            most = np.minimum(np.maximum(pid + added[..., self.discs], -DISC_EFFORT_MAX), DISC_EFFORT_MAX)
-            most -= np.minimum(np.maximum(pid, -DISC_EFFORT_MAX), DISC_EFFORT_MAX)
-            added[..., self.discs] = most
+        both = limited.reshape(*limited.shape[:-1], 2, count)
+        both[..., 1, :] += state - damping
+        np.minimum(both, self._most, out=both)
+        np.maximum(both, self._least, out=both)
+        added = both[..., 1, :] - both[..., 0, :]
         if on is not None:
             added *= on
         return product(self._spread, added)

@@ -138,7 +138,7 @@ class Servos:
         self.table, self._model, self._data, self.errors = table, model, data, errors
         count = len(table)
         ctrl: Array = data.ctrl.reshape(count, INPUTS)
-        self._ctrl, self._force, self._qvel = ctrl, data.actuator_force, data.qvel
+        self._ctrl, self._force = ctrl, data.actuator_force
         self.setpoint = ctrl if errors is None else errors.setpoint
         self._position, self._feed = self.setpoint[:, 0], self.setpoint[:, 2]
         self.modes = np.where(table.fingers, EFFORT, POSITION).astype(np.int8)
@@ -160,6 +160,8 @@ class Servos:
         #: last step.
         self._observed, (self._steady, self._fed) = np.zeros(watched[0]), np.zeros((2, watched[1]))
         self._observing: Array | None = None
+        #: What observers read, and from which columns of READ.
+        self._observer_matrix, self._seen = np.zeros((0, 0)), np.arange(0)
         self._observed_revision = -1
         self._computed_torque: ComputedTorque | None = None
         self.revision = 0
@@ -287,15 +289,16 @@ class Servos:
             return
         if self._observed_revision != self.revision:
             self._observing = observers.acting(self.servoed & ~self.computed)
+            matrix = observers.matrix(self.matrix())
+            self._seen = np.flatnonzero(matrix.any(axis=0))
+            self._observer_matrix = np.ascontiguousarray(matrix[:, self._seen])
             self._observed_revision = self.revision
         joints = observers.joints
         effort = self._force.take(joints)
         effort -= self._fed
-        rates = self._qvel.take(observers.dof)
-        pid, data = None, self._data
-        if len(observers.discs):
-            pid = observers.pid(self.gains, self._ctrl, data.act, (data.qpos, self._qvel))
-        added = observers.observe(self._observed, effort, rates, pid, self._observing)
+        mujoco.mj_getState(self._model, self._data, self._state, READ_STATE)
+        found = self._observer_matrix.dot(self._state.take(self._seen))
+        added = observers.observe(self._observed, effort, found, self._observing)
         self._fed = self._steady
         added += self._steady
         self._feed[joints] = added
@@ -303,7 +306,7 @@ class Servos:
             self._ctrl[joints, 2] = added
 
     def observations(self) -> Array:
-        """Return states of disturbance observers, and joints' efforts of PID and observer, (2, J)."""
+        """Return states of observers, and efforts of PID and observer at joints, (2, J)."""
         found = np.zeros((2, len(self.table)))
         if self.disturbance is not None:
             joints = self.disturbance.joints

@@ -270,7 +270,7 @@ def arm_entry(arm: LabArm, tool: str, files: Files) -> dict[str, Any]:
     discs = [g for j, g in arm.gains.items() if j not in found["control"]["dvrk"]["pid"]]
     if any(g.output_max for g in discs):
         files.notes.append(
-            f"{arm.name}: pid_max_output of discs is not simulated, whose servos are those of joints"
+            f"{arm.name}: pid_max_output of discs is not simulated: servos are those of joints"
         )
     entry: dict[str, Any] = {"description": own}
     if changed:

@@ -68,8 +68,8 @@ class DisturbanceObservers:
         Args:
             servoed: joints that their PID drives, (J,)
         """
-        on: Bools = ~(self.coupled & ~servoed[self.joints]).any(axis=1)
-        return None if on.all() else np.where(on, 1.0, 0.0)
+        on = ~(self.coupled & ~servoed[self.joints]).any(axis=1)
+        return None if on.all() else np.asarray(on, dtype=np.float64)
 
     def matrix(self, read: Array) -> Array:
         """Return the matrix of M g v of motors, and twice of what the PID calls for, (3 K, n).

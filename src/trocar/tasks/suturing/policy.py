@@ -43,7 +43,7 @@ PULL_M_S, TIGHT_M_S = 0.04, 0.006
 TIGHT_N, SLOW_N, GAIN, SLOWEST_M_S = 1.96, 0.5, 6e-3, 6e-4
 #: Distance of a tip from its set-point at which something blocks a pull. Source: measured: 0.4 mm
 #: at 2 N of tension, 3 mm as soon as a forearm meets the endoscope's. [m]
-BLOCKED_M = 5e-3
+BLOCKED_M, BACK_M = 5e-3, 0.04
 #: Largest tilt of a needle out of the jaw's plane: beyond it the needle is put down and picked
 #: again, as one with which the arm would not reach the whole arc. Source: our own choice. [deg]
 TILT_DEG = 35.0
@@ -375,6 +375,7 @@ class Sewing:
             self.op.announce(f"stitch {number + 1}: something is in the way: pull another way")
             while hand.lag() > 0.1 * BLOCKED_M:
                 yield from self._one(hand, hand.give_way())
+            yield from self._one(hand, hand.shift(-BACK_M * pull.way))
         if tissue.tension() < 0.8 * TIGHT_N:
             raise StitchError(f"stitch {number + 1}: the thread is not tight")
         yield from self._one(hand, hand.wait(0.3))

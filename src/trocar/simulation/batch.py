@@ -531,7 +531,7 @@ class Batch:
         return read_matrix(self._table, self._effective(), sizes)
 
     def _find_observer_matrix(self) -> None:
-        """Find what disturbance observers read, of all worlds or of each, (n, 3 K, columns)."""
+        """Compute the matrix of the observers' readings, of all worlds or of each world."""
         if self._observers is None:
             return
         sizes = self._model.nq, self._model.nv

@@ -59,7 +59,7 @@ class DisturbanceObservers:
         self._effort = np.ascontiguousarray(effort[:, self.joints])
         self._spread = np.ascontiguousarray(velocity[:, self.joints].T)
         self._damping, self._rate = (mass * cutoff)[:, None] * velocity, cutoff * timestep
-        self._most = np.where(self.discs, DISC_EFFORT_MAX, np.inf)
+        self._most = np.tile(np.where(self.discs, DISC_EFFORT_MAX, np.inf), 2)
         self._least = -self._most
 
     def acting(self, servoed: Bools) -> Array | None:
@@ -97,7 +97,7 @@ class DisturbanceObservers:
                 None: all act
         """
         count = len(self.rows)
-        damping, limited = found[..., :count], found[..., count:]
+        damping, limited, added = found[..., :count], found[..., count:], found[..., 2 * count :]
         change = product(self._effort, effort)
         change += damping
         change -= state
@@ -105,11 +105,11 @@ class DisturbanceObservers:
         if on is not None:
             change *= on
         state += change
-        both = limited.reshape(*limited.shape[:-1], 2, count)
-        both[..., 1, :] += state - damping
-        np.minimum(both, self._most, out=both)
-        np.maximum(both, self._least, out=both)
-        added = both[..., 1, :] - both[..., 0, :]
+        added += state
+        added -= damping
+        np.minimum(limited, self._most, out=limited)
+        np.maximum(limited, self._least, out=limited)
+        added -= found[..., count : 2 * count]
         if on is not None:
             added *= on
         return product(self._spread, added)

@@ -160,7 +160,7 @@ class Servos:
         #: last step.
         self._observed, (self._steady, self._fed) = np.zeros(watched[0]), np.zeros((2, watched[1]))
         self._observing: Array | None = None
-        #: What observers read, and from which columns of READ.
+        #: Matrix of the observers' readings, and the columns of READ that it has.
         self._observer_matrix, self._seen = np.zeros((0, 0)), np.arange(0)
         self._observed_revision = -1
         self._computed_torque: ComputedTorque | None = None

@@ -43,7 +43,10 @@ PULL_M_S, TIGHT_M_S = 0.04, 0.006
 TIGHT_N, SLOW_N, GAIN, SLOWEST_M_S = 1.96, 0.5, 6e-3, 6e-4
 #: Distance of a tip from its set-point at which something blocks a pull. Source: measured: 0.4 mm
 #: at 2 N of tension, 3 mm as soon as a forearm meets the endoscope's. [m]
-BLOCKED_M, BACK_M = 5e-3, 0.04
+BLOCKED_M = 5e-3
+#: Way back from there before the arm pulls another way. Source: measured: after 20 mm the forearm
+#: of an Si still meets the endoscope's. [m]
+BACK_M = 0.04
 #: Largest tilt of a needle out of the jaw's plane: beyond it the needle is put down and picked
 #: again, as one with which the arm would not reach the whole arc. Source: our own choice. [deg]
 TILT_DEG = 35.0

@@ -369,12 +369,12 @@ class Sewing:
         if not tissue.left[number].all():
             raise StitchError(f"stitch {number + 1}: the needle is not out")
         self.op.announce(f"stitch {number + 1}: pull the thread")
-        blocked: list[Array] = []
+        blocked: list[Pull] = []
         while (pull := self._best_pull(stitch, held, blocked)) is not None:
             yield from self._one(hand, hand.follow(self._pull(hand, pull)))
             if hand.lag() < BLOCKED_M:
                 break
-            blocked.append(pull.way)
+            blocked.append(pull)
             self.op.announce(f"stitch {number + 1}: something is in the way: pull another way")
             while hand.lag() > 0.1 * BLOCKED_M:
                 yield from self._one(hand, hand.give_way())
@@ -383,13 +383,13 @@ class Sewing:
             raise StitchError(f"stitch {number + 1}: the thread is not tight")
         yield from self._one(hand, hand.wait(0.3))
 
-    def _best_pull(self, stitch: Stitch, held: Array, blocked: list[Array]) -> Pull | None:
+    def _best_pull(self, stitch: Stitch, held: Array, blocked: list[Pull]) -> Pull | None:
         """Return the first pull that stays away from limits, else the one that stays farthest.
 
         Args:
             stitch: after which the thread is pulled
             held: pose of the tip in the needle's frame, (4, 4)
-            blocked: directions in which something is in the way, (3,) each
+            blocked: pulls before, with something in their way
 
         Returns:
             None: something is in the way in all directions
@@ -401,8 +401,10 @@ class Sewing:
         start, q = self.task.controller.target(stitch.taker), reach.arm.joints.setpoints()[:-1]
         best: tuple[float, Pull] | None = None
         for pull in stitch.pulls(reach, tissue, start, held):
-            if any(np.allclose(pull.way, way) for way in blocked):
+            if any(np.allclose(pull.way, other.way) for other in blocked):
                 continue
+            if blocked:
+                pull = pull.continuing(blocked[0])
             room = reach.through(q, pull.poses())[0]
             if room >= LEAST:
                 return pull

@@ -378,7 +378,8 @@ class Sewing:
             self.op.announce(f"stitch {number + 1}: something is in the way: pull another way")
             while hand.lag() > 0.1 * BLOCKED_M:
                 yield from self._one(hand, hand.give_way())
-            yield from self._one(hand, hand.shift(-BACK_M * pull.way))
+            if len(blocked) > 1:  # from here no way leads on
+                yield from self._one(hand, hand.shift(-BACK_M * blocked[0].way))
         if tissue.tension() < 0.8 * TIGHT_N:
             raise StitchError(f"stitch {number + 1}: the thread is not tight")
         yield from self._one(hand, hand.wait(0.3))

@@ -42,7 +42,7 @@ def plant(mount: float, observed: bool) -> RigDescription:
     pose[:3, :3] = rotation_x(np.radians(mount))
     control = place.arm.control["dvrk"]
     if not observed:
-        control = replace(control, observer={})
+        control = replace(control, observer={}, disc_observer=())
     arm = replace(place.arm, bodies=other.arm.bodies, control={"dvrk": control})
     return replace(rig, arms=(replace(place, pose=pose, arm=arm),))
 

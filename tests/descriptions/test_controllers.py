@@ -22,6 +22,15 @@ LINK = '[[gravity_link]]\nname = "yaw"\nalpha_deg = 90.0\n'
             "observer = { elbow",
             r"control.dvrk.observer: got 'elbow'; allowed: y",
         ),
+        ("[0.0005, 0.0], ", "", r"disc_observer: got 3; allowed: 4, one of each disc"),
+        ("[0.0005, 0.0], ", "[0.0005, -1.0], ", r"dvrk.disc_observer: got .*; allowed: 0 or more"),
+        ("[0.0005, 0.0], ", "[0.0005], ", r"dvrk.disc_observer: got .*2 numbers"),
+        ("[[0.0005", "0.5 # [[0.0005", r"disc_observer: got 0.5; allowed: 4 rows of 2 numbers"),
+        (
+            "insertion = [0.005, 20.0] }",
+            "roll = [0.0005, 10.0] }",
+            r"disc_observer: roll has an observer of its own; allowed: of joints or discs",
+        ),
         ("pid_output_max = { yaw", "pid_output_max = { elbow", r"pid_output_max: got 'elbow'"),
         (
             "yaw = 10.0, pitch",

@@ -284,9 +284,11 @@ def _sections(arm: Document) -> Iterator[str]:
         ]
         gains = table(["joint", "P", "I", "D", "effort"], rows)
         yield f"Gains {control['name']!r}: {', '.join(on)}\n{gains}"
-        observers, caps = control["observer"], control["pid_output_max"]
+        observers, caps = dict(control["observer"]), control["pid_output_max"]
+        for k, disc in enumerate(control["disc_observer"]):
+            observers[f"disc {k + 1}"] = disc
         if observers or caps:
-            head = ["joint", "nominal mass [kg m^2, kg]", "cut-off [rad/s]", "cap [N m, N]"]
+            head = ["motor", "nominal mass [kg m^2, kg]", "cut-off [rad/s]", "cap [N m, N]"]
             none = {"mass": None, "cutoff": None}
             rows = [
                 [name, *map(short, observers.get(name, none).values()), short(caps.get(name))]

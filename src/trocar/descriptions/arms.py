@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal, get_args
+from typing import Any, Literal, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,6 +79,10 @@ def read_belts(table: Table) -> dict[str, float]:
     return table.named("belts", lambda row: row.record(BeltKeys).stiffness)
 
 
+#: Discs of an instrument.
+DISCS = 4
+
+
 def read_control(table: Table) -> dict[str, Control]:
     """Return {name: gains and what goes with them}."""
 
@@ -94,7 +98,19 @@ def read_control(table: Table) -> dict[str, Control]:
         for joint, observer in observers.items():
             if min(observer.mass, observer.cutoff) < 0.0:
                 raise table.fail(joint, f"got {table.raw(joint)}; allowed: 0 or more")
-        found = row.record(Control, name=row.path.partition(".")[2], pid=gains, observer=observers)
+        given = row.raw("disc_observer", [])
+        count = len(cast(list[Any], given)) if isinstance(given, list) else DISCS
+        rows: list[list[float]] = row.matrix("disc_observer", count, 2).tolist() if count else []
+        discs = tuple(Observer(mass, cutoff) for mass, cutoff in rows)
+        if min((min(disc.mass, disc.cutoff) for disc in discs), default=0.0) < 0.0:
+            raise row.fail("disc_observer", f"got {given}; allowed: 0 or more")
+        found = row.record(
+            Control,
+            name=row.path.partition(".")[2],
+            pid=gains,
+            observer=observers,
+            disc_observer=discs,
+        )
         for joint, most in found.pid_output_max.items():
             if most <= 0.0:
                 raise row.fail("pid_output_max", f"got {most:g} for {joint}; allowed: above 0")
@@ -426,6 +442,7 @@ def _mount(arm: Parts, tool: ToolDescription) -> Parts:
             preset,
             pid={**preset.pid, **extra.control[name].pid},
             observer={**preset.observer, **extra.control[name].observer},
+            disc_observer=extra.control[name].disc_observer or preset.disc_observer,
             pid_output_max={**preset.pid_output_max, **extra.control[name].pid_output_max},
         )
         if name in extra.control
@@ -515,6 +532,15 @@ def check_arm(arm: ArmDescription) -> None:
             check_name(arm.file, f"control.{preset.name}.observer", name, joints)
         for name in preset.pid_output_max:
             check_name(arm.file, f"control.{preset.name}.pid_output_max", name, joints)
+        driven = () if arm.coupling is None else arm.coupling.joints
+        if driven and preset.disc_observer:
+            place, discs = f"control.{preset.name}.disc_observer", len(preset.disc_observer)
+            if discs != len(driven):
+                problem = f"got {discs}; allowed: {len(driven)}, one of each disc of its instrument"
+                raise DescriptionError(arm.file, place, problem)
+            if both := [name for name in driven if name in preset.observer]:
+                problem = f"{both[0]} has an observer of its own; allowed: of joints or discs"
+                raise DescriptionError(arm.file, place, problem)
         lacking = [name for name in joints if name not in preset.pid]
         if lacking:
             raise DescriptionError(

@@ -212,7 +212,7 @@ class Observer:
 
     Attributes:
         mass: nominal inertia or mass that the motor moves [kg m^2 or kg]
-        cutoff: of the low-pass filter [rad/s]
+        cutoff: of the low-pass filter; 0 of one that adds nothing [rad/s]
     """
 
     mass: float
@@ -229,6 +229,8 @@ class Control:
         gravity_compensation, effort_limits: whether the servo has them
         observer: {joint: disturbance observer}; in a file nominal mass in SI and cut-off in rad/s,
             `{ yaw = [0.01, 50.0] }`; default: none
+        disc_observer: disturbance observers of the discs that drive an instrument, in the order of
+            its coupling; in a file as those of joints, `[[0.0005, 10.0], ...]`; default: none
         pid_output_max: {joint: largest effort of PID and observer, without gravity}; in a file in
             SI, `{ yaw = 10.0 }`; default: the motor's
         source: of the numbers
@@ -240,6 +242,9 @@ class Control:
     effort_limits: bool = field(metadata=key(default=True))
     observer: Mapping[str, Observer] = field(
         default_factory=dict[str, Observer], metadata=key(form="any", see="si.md#the-controller")
+    )
+    disc_observer: tuple[Observer, ...] = field(
+        default=(), metadata=key(form="any", default=(), see="si.md#the-controller")
     )
     pid_output_max: Mapping[str, float] = field(
         default_factory=dict[str, float], metadata=key(see="si.md#the-controller")

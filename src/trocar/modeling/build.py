@@ -125,9 +125,12 @@ class RigModel:
         found.update(repr((self.options.timestep, self.options.control, self.rig.grasp)).encode())
         for place in self.rig.arms:
             control = place.arm.control.get(self.options.control)
-            own = None if control is None else (control.observer, control.pid_output_max)
+            own: tuple[object, ...] = ()
+            if control is not None:
+                own = control.observer, control.pid_output_max
+                own += (control.disc_observer,) if control.disc_observer else ()
             brakes = [joint.brake for joint in place.arm.joints]
-            if any(brakes) or (own and any(own)):
+            if any(brakes) or any(own):
                 found.update(repr((place.name, own, brakes)).encode())
         if any(place.arm.gravity_links for place in self.rig.arms):
             found.update(b"" if self.joints.gravity is None else self.joints.gravity.digested)

@@ -88,8 +88,10 @@ class JointTable:
         tolerance: error of an actuator that trips the arm, inf where none does [rad or m]
         fingers: joints that have a spring and no motor, as a master's gripper, (J,) bool
         braked: joints of setup arms, whose brakes hold them rigidly, (J,) bool
-        observer: nominal mass and cut-off of its disturbance observer, 0 without one, (J, 2)
-            [kg m^2 or kg, rad/s]
+        observer: nominal mass and cut-off of a disturbance observer, 0 without one, (J, 2)
+            [kg m^2 or kg, rad/s]; rows of joints that discs drive may be those of these discs
+        observed: velocities that observers see = observed @ velocities of joints, (J, J): the
+            identity but for observers of discs
         output_max: largest effort of PID and observer, inf without such a limit [N m or N]
         brake: effort that an engaged brake holds, 0 of joints without one [N m or N]
         gravity: chains that controllers compute gravity compensation from, None without any
@@ -113,6 +115,7 @@ class JointTable:
     fingers: NDArray[np.bool_]
     braked: NDArray[np.bool_]
     observer: Array
+    observed: Array
     output_max: Array
     brake: Array
     gravity: GravityModel | None
@@ -145,7 +148,7 @@ def joint_table(
     drive, couple = np.zeros((count, model.nq)), np.zeros((model.nq, count))
     rate, share = np.zeros((count, model.nv)), np.zeros((count, model.nv))
     lower, upper, effort, slope, corner, tolerance = (np.zeros(count) for _ in range(6))
-    actuators = np.eye(int(count))
+    actuators, observed = np.eye(int(count)), np.eye(int(count))
     gains, observer = np.zeros((count, INPUTS)), np.zeros((count, 2))
     output_max, brake = np.full(count, np.inf), np.zeros(count)
     balanced, fingers, braked = (np.zeros(count, np.bool_) for _ in range(3))
@@ -182,6 +185,9 @@ def joint_table(
         if coupling is not None:
             discs = slice(rows.stop - len(coupling.joint_to_actuator), rows.stop)
             actuators[discs, discs] = coupling.joint_to_actuator
+            if gains_of.disc_observer:
+                observer[discs] = [(one.mass, one.cutoff) for one in gains_of.disc_observer]
+                observed[discs, discs] = coupling.joint_to_actuator
         lower[rows], upper[rows] = mechanism.lower, mechanism.upper
         braked[rows] = rig_arm.arm.type == "SUJ"
         balanced[rows] = gains_of.gravity_compensation if compensated is None else compensated
@@ -204,6 +210,7 @@ def joint_table(
         actuators,
         tolerance,
         observer,
+        observed,
         output_max,
         brake,
     )
@@ -228,6 +235,7 @@ def joint_table(
         fingers,
         braked,
         observer,
+        observed,
         output_max,
         brake,
         gravity_model(rig, tuple(names), {name: index.rows for name, index in arms.items()}),

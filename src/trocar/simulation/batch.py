@@ -25,6 +25,7 @@ from trocar.modeling.build import RigModel
 from trocar.modeling.joints import INPUTS
 from trocar.simulation.batch_grasps import BatchGrasps, WeldedGrasps, sensed_model
 from trocar.simulation.computed_torque import ComputedTorque
+from trocar.simulation.disturbance_observers import product
 from trocar.simulation.drives import (
     SPRING_FIELDS,
     Drivetrains,
@@ -175,12 +176,16 @@ class Batch:
         self._lower, self._upper = -limits, limits
         self._motors.renew(self._lower, self._upper)
         self._observers = world.servos.disturbance
-        watched = np.arange(0) if self._observers is None else self._observers.rows
-        on = (self._on & driven & ~self._servos["computed"].astype(np.bool_))[watched]
-        self._observing = None if on.all() else on
-        #: State of the observers, the rest that is fed forward, that of the last step, and what the
-        #: motors exerted there.
-        self._observed, self._steady, self._fed, self._efforts = np.zeros((4, self.n, len(watched)))
+        self._observing, watched = None, (0, 0)
+        if self._observers is not None:
+            watched = self._observers.coupled.shape
+            servoed = self._on & driven & ~self._servos["computed"].astype(np.bool_)
+            self._observing = self._observers.acting(servoed)
+        self._find_observer_matrix()
+        #: State of the observers; the rest that is fed forward to their joints, that of the last
+        #: step, and what motors exerted there.
+        self._observed = np.zeros((self.n, watched[0]))
+        self._steady, self._fed, self._efforts = np.zeros((3, self.n, watched[1]))
         self._force = self._rows.bind("actuator_force")
         self._ctrl = self._rows.bind("ctrl")
         self._qpos, self._qvel = self._rows.bind("qpos"), self._rows.bind("qvel")
@@ -276,11 +281,11 @@ class Batch:
         self.periods[worlds], self._before[worlds] = 0, self._servos["before"]
         self.tripped[worlds], self._tracked[:, worlds] = False, np.nan
         if self._observers is not None:
-            rows = self._observers.rows
-            self._observed[worlds], effort = self._servos["observations"][:, rows]
+            joints, observed = self._observers.joints, self._servos["observations"]
+            self._observed[worlds] = observed[0, self._observers.rows]
             fed = self._servos["commanded"] + self._servos["balanced"] * self._servos["holding"]
-            self._steady[worlds] = self._fed[worlds] = fed[rows]
-            self._efforts[worlds] = fed[rows] + effort
+            self._steady[worlds] = self._fed[worlds] = fed[joints]
+            self._efforts[worlds] = fed[joints] + observed[1, joints]
         if self.grasps is not None:
             self.grasps.forget(worlds)
         numbers: list[int] = worlds.tolist()
@@ -369,7 +374,7 @@ class Batch:
                     run = min(run, int((part.every - periods % part.every).min()))
             self._rows.step(worlds, nstep=run)
             if self._observers is not None:
-                self._efforts[which] = self._force[which][:, self._observers.rows]
+                self._efforts[which] = self._force[which][:, self._observers.joints]
             self.periods[which] = periods = periods + run
             left -= run
             if self.grasps is not None and (due := periods % self.grasps.every == 0).any():
@@ -433,6 +438,7 @@ class Batch:
         if not (np.isfinite(gains).all() and (gains >= 0.0).all()):
             raise InputError("set_gains: got a gain below 0 or not finite; allowed: 0 or more")
         self._gains = gains * self._on[:, None]
+        self._find_observer_matrix()
         bias, gain = (self._rows.expand(name) for name in GAIN_FIELDS)
         own = slice(len(self.names))
         bias[:, own, 1], bias[:, own, 2] = -self._gains[..., 0], -self._gains[..., 2]
@@ -523,6 +529,18 @@ class Batch:
     def _own_read(self) -> Array:
         sizes = self._model.nq, self._model.nv
         return read_matrix(self._table, self._effective(), sizes)
+
+    def _find_observer_matrix(self) -> None:
+        """Compute the matrix of the observers' readings, of all worlds or of each world."""
+        if self._observers is None:
+            return
+        sizes = self._model.nq, self._model.nv
+        each = self._gains if self._gains.strides[0] else self._gains[:1]
+        reads = [read_matrix(self._table, gains, sizes) for gains in each]
+        found = np.stack([self._observers.matrix(read) for read in reads])
+        self._seen = np.flatnonzero(found.any(axis=(0, 1)))
+        own = found if len(found) > 1 else found[0]
+        self._observer_matrix = np.ascontiguousarray(own[..., self._seen])
 
     def _requested(
         self, setpoints: ArrayLike | Mapping[str, ArrayLike]
@@ -627,7 +645,7 @@ class Batch:
         feed = self._servos["balanced"] * holding
         self._inputs[worlds, :, 2] = feed
         if self._observers is not None:
-            self._steady[worlds] = feed[:, self._observers.rows]
+            self._steady[worlds] = feed[:, self._observers.joints]
         if self._capped.any():
             which = np.ix_(worlds, self._capped)
             gravity = feed[:, self._capped]
@@ -645,18 +663,17 @@ class Batch:
         if observers is None:
             return
         effort = self._efforts[worlds] - self._fed[worlds]
-        before = self._observed[worlds]
-        state = before.copy()
-        added = observers.observe(state, effort, self._qvel[worlds][:, observers.dof])
-        if self._observing is not None:
-            state = np.where(self._observing, state, before)
-            added = np.where(self._observing, added, 0.0)
+        state = self._observed[worlds]
+        matrix = self._observer_matrix
+        matrix = matrix if matrix.ndim == 2 else matrix[worlds]
+        found = product(matrix, self._numbers()[np.ix_(worlds, self._seen)])
+        added = observers.observe(state, effort, found, self._observing)
         self._observed[worlds], self._fed[worlds] = state, self._steady[worlds]
         fed = added + self._steady[worlds]
         here = worlds[:, None]
-        self._inputs[here, observers.rows, 2] = fed
+        self._inputs[here, observers.joints, 2] = fed
         if self._errors:
-            self._ctrl.reshape(self._inputs.shape)[here, observers.rows, 2] = fed
+            self._ctrl.reshape(self._inputs.shape)[here, observers.joints, 2] = fed
 
     def _compute_torque(self) -> None:
         """Feed forward computed torque for one step in every world."""

@@ -138,7 +138,7 @@ class Servos:
         self.table, self._model, self._data, self.errors = table, model, data, errors
         count = len(table)
         ctrl: Array = data.ctrl.reshape(count, INPUTS)
-        self._ctrl, self._force, self._qvel = ctrl, data.actuator_force, data.qvel
+        self._ctrl, self._force = ctrl, data.actuator_force
         self.setpoint = ctrl if errors is None else errors.setpoint
         self._position, self._feed = self.setpoint[:, 0], self.setpoint[:, 2]
         self.modes = np.where(table.fingers, EFFORT, POSITION).astype(np.int8)
@@ -155,10 +155,13 @@ class Servos:
         self.disturbance = None
         if (table.observer[:, 1] > 0.0).any():
             self.disturbance = DisturbanceObservers(table, float(model.opt.timestep))
-        watched = 0 if self.disturbance is None else len(self.disturbance.rows)
-        #: State of the observers, the rest that is fed forward, and that of the last step.
-        self._observed, self._steady, self._fed = np.zeros((3, watched))
-        self._observing: Bools | None = None
+        watched = (0, 0) if self.disturbance is None else self.disturbance.coupled.shape
+        #: State of the observers; the rest that is fed forward to their joints, and that of the
+        #: last step.
+        self._observed, (self._steady, self._fed) = np.zeros(watched[0]), np.zeros((2, watched[1]))
+        self._observing: Array | None = None
+        #: Matrix of the observers' readings, and the columns of READ that it has.
+        self._observer_matrix, self._seen = np.zeros((0, 0)), np.arange(0)
         self._observed_revision = -1
         self._computed_torque: ComputedTorque | None = None
         self.revision = 0
@@ -271,7 +274,7 @@ class Servos:
         """Write commanded and balancing efforts into the servos."""
         np.add(self.commanded, self.balanced * self.holding, out=self._feed)
         if self.disturbance is not None:
-            self._steady = self._feed[self.disturbance.rows]
+            self._steady = self._feed[self.disturbance.joints]
         if self._caps:
             self._write_ranges()
 
@@ -285,48 +288,48 @@ class Servos:
         if observers is None:
             return
         if self._observed_revision != self.revision:
-            on = (self.servoed & ~self.computed)[observers.rows]
-            self._observing = None if on.all() else on
+            self._observing = observers.acting(self.servoed & ~self.computed)
+            matrix = observers.matrix(self.matrix())
+            self._seen = np.flatnonzero(matrix.any(axis=0))
+            self._observer_matrix = np.ascontiguousarray(matrix[:, self._seen])
             self._observed_revision = self.revision
-        rows, on, state = observers.rows, self._observing, self._observed
-        effort = self._force.take(rows)
+        joints = observers.joints
+        effort = self._force.take(joints)
         effort -= self._fed
-        rates = self._qvel.take(observers.dof)
-        if on is None:
-            added = observers.observe(state, effort, rates)
-        else:
-            before = state.copy()
-            added = observers.observe(state, effort, rates) * on
-            np.copyto(state, before, where=~on)
+        mujoco.mj_getState(self._model, self._data, self._state, READ_STATE)
+        found = self._observer_matrix.dot(self._state.take(self._seen))
+        added = observers.observe(self._observed, effort, found, self._observing)
         self._fed = self._steady
         added += self._steady
-        self._feed[rows] = added
+        self._feed[joints] = added
         if self.errors is not None:
-            self._ctrl[rows, 2] = added
+            self._ctrl[joints, 2] = added
 
     def observations(self) -> Array:
-        """Return states of disturbance observers, and efforts of PID and observer, (2, J)."""
+        """Return states of observers, and efforts of PID and observer at joints, (2, J)."""
         found = np.zeros((2, len(self.table)))
         if self.disturbance is not None:
-            rows = self.disturbance.rows
-            found[:, rows] = self._observed, self._force[rows] - self._fed
+            joints = self.disturbance.joints
+            found[0, self.disturbance.rows] = self._observed
+            found[1, joints] = self._force[joints] - self._fed
         return found
 
     def begin_observing(self, found: Array) -> None:
         """Have disturbance observers go on from what `observations` returned, (2, J)."""
         if self.disturbance is not None:
-            rows = self.disturbance.rows
-            self._fed = self._steady = (self.commanded + self.balanced * self.holding)[rows]
-            self._observed[:] = found[0, rows]
-            self._force[rows] = self._fed + found[1, rows]
+            joints = self.disturbance.joints
+            self._fed = self._steady = (self.commanded + self.balanced * self.holding)[joints]
+            self._observed[:] = found[0, self.disturbance.rows]
+            self._force[joints] = self._fed + found[1, joints]
 
     def forget(self, which: Index) -> None:
         """Forget what disturbance observers found at some joints, by rows of the table."""
         if self.disturbance is not None:
-            chosen = np.isin(self.disturbance.rows, which)
-            self._observed[chosen] = 0.0
+            joints = self.disturbance.joints
+            chosen = np.isin(joints, which)
+            self._observed[self.disturbance.coupled[:, chosen].any(axis=1)] = 0.0
             self._observed_revision = -1
-            self._force[self.disturbance.rows[chosen]] = self._fed[chosen]
+            self._force[joints[chosen]] = self._fed[chosen]
 
     def compute_torque(self) -> None:
         """Write the efforts of computed torque into the servos that have it, for one step."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from tests.robot.dvrk_config import configurations as lab
@@ -54,6 +55,9 @@ def test_observers_and_caps_of_the_dvrks_own_file_are_those_of_the_built_in_arm(
     control = imported(tmp_path).rig.arm("PSM1").arm.control["dvrk"]
     own = World("psm_si").arm("PSM1").description.control["dvrk"]
     assert control.observer == own.observer
+    discs = np.array([[[o.mass, o.cutoff] for o in c.disc_observer] for c in (control, own)])
+    np.testing.assert_array_equal(*discs[:, [0, 1, 3]])
+    np.testing.assert_array_equal(discs[:, 2, 1], 0.0)
     assert control.pid_output_max == own.pid_output_max
 
 
@@ -62,7 +66,10 @@ def test_a_lab_changes_and_leaves_out_observers(tmp_path: Path):
     control = found.rig.arm("PSM1").arm.control["dvrk"]
     assert control.observer["yaw"] == Observer(0.02, 30.0)
     assert set(control.pid_output_max) == {"pitch", "insertion"}
-    assert any("discs are not simulated" in note for note in found.notes)
+    assert control.observer["pitch"] == Observer(0.01, 50.0)
+    world = World(str(tmp_path / "rig.toml"))
+    assert world.servos.disturbance is not None
+    assert world.servos.disturbance.discs.sum() == 9  # of three PSMs
     off = imported(tmp_path / "off", use_disturbance_observer=False)
     assert set(off.rig.arm("PSM1").arm.control["dvrk"].observer) == {"pitch", "insertion"}
     World(str(tmp_path / "off" / "rig.toml")).step(5)

@@ -107,13 +107,15 @@ def set_observers(document: Document, gains: Mapping[str, Gain], source: str) ->
     """Give an arm's joints the disturbance observers and caps of a file, or none as it has them."""
     control = document["control"]["dvrk"]
     own = {joint: given for joint, given in gains.items() if joint in control["pid"]}
-    found = {
+    discs = [given.observer or [0.0, 0.0] for joint, given in gains.items() if joint not in own]
+    found: dict[str, Any] = {
         "observer": {joint: g.observer for joint, g in own.items() if g.observer},
+        "disc_observer": discs if np.any(discs) else [],
         "pid_output_max": {joint: g.output_max for joint, g in own.items() if g.output_max},
     }
     changed = False
     for key, entries in found.items():
-        if own and entries != control.get(key, {}):
+        if own and entries != control.get(key, type(entries)()):
             control[key], control["source"], changed = entries, source, True
     return changed
 
@@ -266,10 +268,9 @@ def arm_entry(arm: LabArm, tool: str, files: Files) -> dict[str, Any]:
     changed |= set_gains(found, arm.gains, source)
     changed |= set_observers(found, arm.gains, source)
     discs = [g for j, g in arm.gains.items() if j not in found["control"]["dvrk"]["pid"]]
-    if any(g.observer or g.output_max for g in discs):
+    if any(g.output_max for g in discs):
         files.notes.append(
-            f"{arm.name}: disturbance observers and pid_max_output of discs are not simulated,"
-            " whose servos are those of joints"
+            f"{arm.name}: pid_max_output of discs is not simulated: servos are those of joints"
         )
     entry: dict[str, Any] = {"description": own}
     if changed:

@@ -150,9 +150,9 @@ class Gain(JsonRecord):
     @property
     def observer(self) -> list[float] | None:
         """Nominal mass and cut-off of the observer, None where it does nothing."""
-        if not (self.use_disturbance_observer and self.nominal_mass and self.disturbance_cutoff):
+        if not (self.use_disturbance_observer and self.disturbance_cutoff):
             return None
-        return [self.nominal_mass, self.disturbance_cutoff]
+        return [self.nominal_mass or 0.0, self.disturbance_cutoff]
 
     @property
     def output_max(self) -> float | None:

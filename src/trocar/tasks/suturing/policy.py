@@ -44,6 +44,9 @@ TIGHT_N, SLOW_N, GAIN, SLOWEST_M_S = 1.96, 0.5, 6e-3, 6e-4
 #: Distance of a tip from its set-point at which something blocks a pull. Source: measured: 0.4 mm
 #: at 2 N of tension, 3 mm as soon as a forearm meets the endoscope's. [m]
 BLOCKED_M = 5e-3
+#: Way back from there before the arm pulls another way. Source: measured: after 20 mm the forearm
+#: of an Si still meets the endoscope's. [m]
+BACK_M = 0.04
 #: Largest tilt of a needle out of the jaw's plane: beyond it the needle is put down and picked
 #: again, as one with which the arm would not reach the whole arc. Source: our own choice. [deg]
 TILT_DEG = 35.0
@@ -366,26 +369,28 @@ class Sewing:
         if not tissue.left[number].all():
             raise StitchError(f"stitch {number + 1}: the needle is not out")
         self.op.announce(f"stitch {number + 1}: pull the thread")
-        blocked: list[Array] = []
+        blocked: list[Pull] = []
         while (pull := self._best_pull(stitch, held, blocked)) is not None:
             yield from self._one(hand, hand.follow(self._pull(hand, pull)))
             if hand.lag() < BLOCKED_M:
                 break
-            blocked.append(pull.way)
+            blocked.append(pull)
             self.op.announce(f"stitch {number + 1}: something is in the way: pull another way")
             while hand.lag() > 0.1 * BLOCKED_M:
                 yield from self._one(hand, hand.give_way())
+            if len(blocked) > 1:  # from here no way leads on
+                yield from self._one(hand, hand.shift(-BACK_M * blocked[0].way))
         if tissue.tension() < 0.8 * TIGHT_N:
             raise StitchError(f"stitch {number + 1}: the thread is not tight")
         yield from self._one(hand, hand.wait(0.3))
 
-    def _best_pull(self, stitch: Stitch, held: Array, blocked: list[Array]) -> Pull | None:
+    def _best_pull(self, stitch: Stitch, held: Array, blocked: list[Pull]) -> Pull | None:
         """Return the first pull that stays away from limits, else the one that stays farthest.
 
         Args:
             stitch: after which the thread is pulled
             held: pose of the tip in the needle's frame, (4, 4)
-            blocked: directions in which something is in the way, (3,) each
+            blocked: pulls before, with something in their way
 
         Returns:
             None: something is in the way in all directions
@@ -397,8 +402,10 @@ class Sewing:
         start, q = self.task.controller.target(stitch.taker), reach.arm.joints.setpoints()[:-1]
         best: tuple[float, Pull] | None = None
         for pull in stitch.pulls(reach, tissue, start, held):
-            if any(np.allclose(pull.way, way) for way in blocked):
+            if any(np.allclose(pull.way, other.way) for other in blocked):
                 continue
+            if blocked:
+                pull = pull.continuing(blocked[0])
             room = reach.through(q, pull.poses())[0]
             if room >= LEAST:
                 return pull

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +53,17 @@ class Pull:
         part = min(1.0, pulled / TURN_M)
         facing = matrix_from_rotation_vector(part * self.turn) @ self.start[:3, :3]
         return transform(facing, self.start[:3, 3] + pulled * self.way)
+
+    def continuing(self, first: Pull) -> Pull:
+        """Return the pull that ends as far from the start of the first one as that would.
+
+        Args:
+            first: pull whose way something blocked, and which this one goes on with
+        """
+        before = self.start[:3, 3] - first.start[:3, 3]
+        along = float(before @ self.way)
+        root = max(0.0, along**2 + first.length**2 - float(before @ before))
+        return replace(self, length=max(0.0, float(np.sqrt(root)) - along))
 
     def poses(self) -> list[Array]:
         """Return the poses at which reach is checked, (4, 4) each."""

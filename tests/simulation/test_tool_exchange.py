@@ -12,6 +12,7 @@ from trocar import load_scene
 from trocar.descriptions import load_tool, names
 from trocar.errors import InputError, UnknownNameError
 from trocar.simulation import World
+from trocar.simulation.supervision import Supervision
 from trocar.simulation.jaw import Jaw
 from trocar.simulation.journal import Entry, apply_command
 
@@ -201,7 +202,7 @@ def test_gravity_is_compensated_for_the_new_weight_at_once() -> None:
     world.exchange_tool("PSM1", PROGRASP)
     fed = world.servos.setpoint[:, 2].copy()
     np.testing.assert_allclose(
-        fed, world.frames.holding_efforts(np.zeros(len(fed))), rtol=0, atol=1e-12
+        fed, world.part(Supervision).holding_efforts(np.zeros(len(fed))), rtol=0, atol=1e-12
     )
 
 

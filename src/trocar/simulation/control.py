@@ -216,6 +216,12 @@ class JointControl:
         """Control motors; `before` is what controlled those of the tool that was mounted before."""
         arm = motors.arm
         self._name, self._clock, self.motors = name, clock, motors
+        self._journal, self._own = clock.journal, arm.own_joints
+        self._every = slice(0, len(arm.joints))
+        #: `Journal.revision` without streamed set-points when all joints followed their servos.
+        self._following = -1
+        #: Whether nothing but position commands acts on the joints.
+        self.exclusive: Callable[[], bool] = lambda: True
         self.joint_names = arm.mechanism.joint_names
         self.lower, self.upper = arm.mechanism.lower, arm.mechanism.upper
         fastest = [joint.velocity_max for joint in arm.joints]
@@ -308,7 +314,7 @@ class JointControl:
 
     def servo(self, q: ArrayLike, v: ArrayLike | None, part: slice, verb: str) -> bool:
         """Set positions (and velocities) of some joints now; return whether it was accepted."""
-        if self.stream(q, v, part):
+        if self._follow(part) and self._write(q, v, part):
             return True
         names = self.joint_names[part]
         target = self.rejections.vector(q, names, verb, "positions")
@@ -329,18 +335,40 @@ class JointControl:
         self.motors.follow()
         return True
 
-    def stream(self, q: ArrayLike, v: ArrayLike | None, part: slice) -> bool:
-        """Do so where these joints simply follow their servos, in few calls; else change nothing.
+    def stream(self, q: Array, v: Array) -> bool:
+        """Set positions and velocities of joints now, the jaw's behind them if given, (n,) each.
+
+        As `Arm.servo_jp` and then `Jaw.servo_jp` do, where every joint simply follows its servo and
+        the journal has no listeners; else nothing changes, and these two do it or say why not.
+        Whether joints follow is looked up again only after commands and events.
 
         Returns:
             whether it is done
         """
+        journal = self._journal
+        if journal.listeners or journal.inside:
+            return False
+        revision = journal.revision - journal.streamed
+        if revision != self._following:
+            if not (self.exclusive() and self._follow(self._every)):
+                return False
+            self._following = revision
+        if not self._write(q, v, slice(0, len(q))):
+            return False
+        journal.stream(self._name, q, v, self._own)
+        return True
+
+    def _follow(self, part: slice) -> bool:
+        """Return whether joints simply follow their servos, with no move under way."""
         m, moves = self.motors, self.moves
         if moves.profile or moves.drift or self.switched or self.restored:
             return False
-        if m.brakes or m.welded or np.count_nonzero(m.modes[part]) or not self.states.ready:
-            return False
-        limits = self._limits[part]
+        busy = m.brakes or m.welded or np.count_nonzero(m.modes[part]) > 0
+        return self.states.ready and not busy
+
+    def _write(self, q: ArrayLike, v: ArrayLike | None, part: slice) -> bool:
+        """Write set-points of joints that follow their servos, if they are within all limits."""
+        m, moves, limits = self.motors, self.moves, self._limits[part]
         try:
             places: Any = q.tolist() if isinstance(q, np.ndarray) else list(q)  # type: ignore[arg-type]
             speeds: Any = places if v is None else v

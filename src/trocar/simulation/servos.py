@@ -175,7 +175,6 @@ class Servos:
         self._read = np.zeros((0, 0))
         self._motors = MotorEffort(table, slice(None))
         self._motors.renew(self.lower, self.upper)
-        self._actuators = np.zeros((0, 0))
         self._read_revision = -1
         self._written: tuple[bytes, ...] = ()
 
@@ -204,7 +203,6 @@ class Servos:
             self._bound(limits)
             sizes = self._model.nq, self._model.nv
             self._read = read_matrix(self.table, gains, sizes)
-            self._actuators = self.table.actuators * self.servoed
             self._read_revision = self.revision
         return self._read
 
@@ -245,25 +243,6 @@ class Servos:
         read[2 * count :].dot(state, out=effort)
         self._motors.limit(effort, qd)
         return found
-
-    def beyond(self, q: Array | None = None) -> tuple[Array, Array | None]:
-        """Return positions and the tracking errors of actuators beyond what is allowed.
-
-        (J,) each [rad or m]; errors are 0 for all others, None if no actuator is beyond.
-
-        Args:
-            q: positions instead of those measured now, as this returned them
-        """
-        if self._read_revision != self.revision:
-            self.matrix()
-        if q is None:
-            q = self.table.drive.dot(self._data.qpos)
-            if self.errors is not None:
-                q += self.errors.error
-        error = np.abs(self._actuators.dot(q - self._position))
-        beyond = error > self.table.tolerance
-        some = np.count_nonzero(beyond)  # any() takes 1 us
-        return q, np.where(beyond, error, 0.0) if some else None
 
     # ------------------------------------------------------------------ write
 

@@ -16,6 +16,7 @@ from trocar.geometry.se3 import inverse, translation
 from trocar.kinematics.inverse import ChainEnds, chain_ends
 from trocar.simulation import World
 from trocar.simulation.arm import Arm
+from trocar.simulation.moment import Moment
 
 Array = NDArray[np.float64]
 #: Set-points and their velocities of arms, {arm: (q, v)}.
@@ -85,6 +86,7 @@ class TipController:
 
     Attributes:
         world, arms: as given
+        moment: readings of the world and these arms, for everybody who looks after a period
         limits: least and largest values of an action, (n,) each
         stalled: time for which each arm stayed though an action moves it, {arm: time} [s]
         stalls: why an arm stays now, {arm: reason}
@@ -96,6 +98,7 @@ class TipController:
 
     def __init__(self, world: World, arms: Sequence[str], label: str) -> None:
         self.world, self.arms, self._label = world, tuple(arms), label
+        self.moment = Moment(world, self.arms)
         standing = {place.name for place in world.rig.arms if not place.on}
         self._driven: dict[str, _Driven] = {}
         low: list[float] = []
@@ -173,6 +176,7 @@ class TipController:
         values: list[float] = []
         for number, (low, high) in zip(numbers, bounds):  # noqa: B905  as many, and often
             values.append(low if number < low else high if number > high else number)
+        self.moment.renew()
         count = self._rows
         rows: list[Row] = []
         while len(rows) < count:
@@ -195,7 +199,7 @@ class TipController:
         for name, (q, v) in row.items():
             driven = self._driven[name]
             arm, own = driven.arm, driven.own
-            if arm.runtime.stream(q, v):
+            if arm.runtime.control.stream(q, v):
                 continue
             arm.servo_jp(q[:own], v[:own])
             jaw = arm.jaw if len(q) > own else None
@@ -274,7 +278,7 @@ class TipController:
         if not driven.psm:
             after = before + np.array(values) * PERIOD_S
             return np.clip(after, run.control.lower, run.control.upper)
-        q, measured, reason = before.tolist(), run.motors.positions().tolist(), ""
+        q, measured, reason = before.tolist(), self.moment.joints[name].tolist(), ""
         jaw = q[-1]
         if any(values[:6]):
             reason = self._onward(name, driven, q, measured, values[:6])

@@ -191,19 +191,19 @@ class Task:
             the scene's hidden objects and goals on them
         """
         found: dict[str, Array] = {}
-        states, tips = self.referee.seen()
-        hidden = self.scene.hidden
+        moment, hidden = self.controller.moment, self.scene.hidden
+        moment.renew()
+        states, tips, joints = moment.objects, moment.tips, moment.joints
         for name in self.arms:
-            arm = self.world.arms[name].runtime
-            q = arm.motors.positions()
-            if arm.description.type == "PSM":
+            q = joints[name]
+            if self.world.arms[name].description.type == "PSM":
                 tip = tips[name]
                 if self.controller.registration:
                     tip = self.controller.registered(name, tip)
                 turn = quaternion_from_matrix(tip[:3, :3])
                 found[name] = np.concatenate([tip[:3, 3], turn, q[-1:]])
             else:
-                found[name] = q
+                found[name] = q.copy()
         states = states if self.randomised is None else self.observed
         for row, name in enumerate(states.names):
             if name not in hidden:

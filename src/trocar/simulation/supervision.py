@@ -146,6 +146,7 @@ class Tracking(Part):
         self.before_every = steps_in(TRACKING_PERIOD_S, physics.timestep)
         #: Actuators of joints that their servos drive, as of a revision of the servos.
         self._actuators, self._revision = np.zeros((0, 0)), -1
+        self._least = 0.99 * float(self._table.tolerance.min()) ** 2 if len(self._table) else 0.0
 
     def placed(self, arm: str) -> None:  # noqa: ARG002  as every part
         """Forget where joints and set-points were."""
@@ -170,27 +171,28 @@ class Tracking(Part):
             q += servos.errors.error
         setpoint = self._setpoint.copy()
         self._before = q, setpoint
-        error = np.abs(self._actuators.dot(q - setpoint))
-        far = np.count_nonzero(error > self._table.tolerance) > 0  # any() takes 1 us
-        if not far and before:
+        error = self._actuators.dot(q - setpoint)
+        tolerance, beyond = self._table.tolerance, None
+        if error.dot(error) > self._least:  # quick, and true where any is beyond
+            error = np.abs(error)
+            beyond = error > tolerance
+        if before and (beyond is None or not beyond.any()):
             moved = setpoint - before[1]
-            # quick, and true where any is far
-            if moved.dot(moved) > 0.99 * STEP**2 and abs(moved).max() > STEP:
+            if moved.dot(moved) > 0.99 * STEP**2 and abs(moved).max() > STEP:  # likewise
                 error = np.abs(self._actuators.dot(before[0] - setpoint))
-                far = np.count_nonzero(error > self._table.tolerance) > 0
-        if not far:
+                beyond = error > tolerance
+        if beyond is None or not beyond.any():
             return
-        beyond = np.where(error > self._table.tolerance, error, 0.0)
         for arm in self._physics.arms.values():
             motors, described = arm.runtime.motors, arm.description
             if motors.welded:
                 continue
             coupled = described.own_joints - 3 if described.coupling else 0
             joints = [
-                f"{joint.name}{' disc' if coupled and k > 2 else ''} ({found:.3g} {unit},"
+                f"{joint.name}{' disc' if coupled and k > 2 else ''} ({error[row]:.3g} {unit},"
                 f" allowed {joint.tracking_tolerance:g})"
                 for k, joint in enumerate(described.joints)
-                if (found := beyond[motors.index.rows.start + k])
+                if beyond[(row := motors.index.rows.start + k)]
                 for unit in ("m" if joint.kind == "prismatic" else "rad",)
             ]
             if joints:

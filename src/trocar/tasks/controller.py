@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -72,6 +73,16 @@ class _Driven:
     ends: ChainEnds | None
 
 
+class _Unreached(NamedTuple):
+    """A motion that no joints reach: from a target and joints by a twist, and the reason."""
+
+    target: Array
+    tool: ArmDescription
+    near: list[float]
+    twist: list[float]
+    reason: str
+
+
 class TipController:
     """Turns actions into set-points of arms, and commands these.
 
@@ -129,7 +140,12 @@ class TipController:
         self.limits: tuple[Array, Array] = np.array(low), np.array(high)
         self._bounds = list(zip(low, high, strict=True))
         self._rows = round(PERIOD_S / (EVERY * world.timestep))
+        #: How far along its way the set-points of each row are.
+        self._ratios = np.arange(1, self._rows + 1)[:, None] / self._rows
         self._joints: dict[str, Array] = {}
+        #: The last motion that no joints reach of each PSM that stands in the world: policies go on
+        #: to ask for the same, and to find out why takes a hundred times as long as a solution.
+        self._unreached: dict[str, _Unreached] = {}
         self._targets: dict[str, Array] = {}
         self.stalled: dict[str, float] = {}
         self.stalls: dict[str, str] = {}
@@ -145,6 +161,7 @@ class TipController:
 
     def resume(self) -> None:
         """Hold the arms where they are, as after other commands."""
+        self._unreached.clear()
         for name, driven in self._driven.items():
             self._joints[name] = driven.arm.joints.setpoints()
             if driven.psm:
@@ -186,12 +203,13 @@ class TipController:
             after = self._joints[name] = self._next(name, driven, values[driven.part])
             change, own = after - before, driven.own
             v = change / PERIOD_S
-            rows[0][name] = before + (1 / count) * change, v
+            table = self._ratios * change
+            table += before
+            rows[0][name] = table[0], v
             if np.count_nonzero(change):  # any() takes 1 us
                 whole = np.count_nonzero(change[own:])
-                for k in range(2, count + 1):
-                    q = before + (k / count) * change
-                    rows[k - 1][name] = (q, v) if whole else (q[:own], v[:own])
+                for k in range(1, count):
+                    rows[k][name] = (table[k], v) if whole else (table[k, :own], v[:own])
         return rows
 
     def drive(self, row: Row) -> None:
@@ -305,9 +323,14 @@ class TipController:
             twist: of the tip, six
         """
         joints, reason, now = driven.description.joints, "", q[:-1]
-        T = self.registration.get(name)
+        T, target = self.registration.get(name), self._targets[name]
+        asked = twist
+        if T is None and (failed := self._unreached.get(name)) is not None:
+            same = failed.target is target and failed.tool is driven.arm.runtime.description
+            if same and failed.near == now and failed.twist == asked:
+                return failed.reason
         for _ in range(2):
-            goal = self._targets[name].copy() if T is None else T @ self._targets[name]
+            goal = target.copy() if T is None else T @ target
             x, y, z, a, b, c = twist
             goal[0, 3] += x * PERIOD_S
             goal[1, 3] += y * PERIOD_S
@@ -318,6 +341,9 @@ class TipController:
             try:
                 after = self._inverse(driven, goal, now)
             except (UnreachableError, SingularError) as problem:
+                if T is None and driven.T_arm_world is not None:
+                    tool = driven.arm.runtime.description
+                    self._unreached[name] = _Unreached(target, tool, now, asked, str(problem))
                 return str(problem)
             worst, fastest = 0.0, 0
             for k, most in enumerate(driven.travels):

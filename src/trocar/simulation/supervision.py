@@ -146,7 +146,8 @@ class Tracking(Part):
         self.before_every = steps_in(TRACKING_PERIOD_S, physics.timestep)
         #: Actuators of joints that their servos drive, as of a revision of the servos.
         self._actuators, self._revision = np.zeros((0, 0)), -1
-        self._least = 0.99 * float(self._table.tolerance.min()) ** 2 if len(self._table) else 0.0
+        #: The sum of squares of errors that any of which is beyond is larger than this.
+        self._least = 0.99 * float(self._table.tolerance.min(initial=np.inf)) ** 2
 
     def placed(self, arm: str) -> None:  # noqa: ARG002  as every part
         """Forget where joints and set-points were."""
@@ -172,24 +173,23 @@ class Tracking(Part):
         setpoint = self._setpoint.copy()
         self._before = q, setpoint
         error = self._actuators.dot(q - setpoint)
-        tolerance, beyond = self._table.tolerance, None
-        if error.dot(error) > self._least:  # quick, and true where any is beyond
-            error = np.abs(error)
-            beyond = error > tolerance
-        if before and (beyond is None or not beyond.any()):
+        far = error.dot(error) > self._least and self._beyond(error)  # the first is quick
+        if before and not far:
             moved = setpoint - before[1]
-            if moved.dot(moved) > 0.99 * STEP**2 and abs(moved).max() > STEP:  # likewise
-                error = np.abs(self._actuators.dot(before[0] - setpoint))
-                beyond = error > tolerance
-        if beyond is None or not beyond.any():
+            if moved.dot(moved) > 0.99 * STEP**2:  # likewise
+                error = self._actuators.dot(before[0] - setpoint)
+                far = error.dot(error) > self._least and abs(moved).max() > STEP
+                far = far and self._beyond(error)
+        if not far:
             return
+        beyond = np.abs(error) > self._table.tolerance
         for arm in self._physics.arms.values():
             motors, described = arm.runtime.motors, arm.description
             if motors.welded:
                 continue
             coupled = described.own_joints - 3 if described.coupling else 0
             joints = [
-                f"{joint.name}{' disc' if coupled and k > 2 else ''} ({error[row]:.3g} {unit},"
+                f"{joint.name}{' disc' if coupled and k > 2 else ''} ({abs(error[row]):.3g} {unit},"
                 f" allowed {joint.tracking_tolerance:g})"
                 for k, joint in enumerate(described.joints)
                 if beyond[(row := motors.index.rows.start + k)]
@@ -197,3 +197,7 @@ class Tracking(Part):
             ]
             if joints:
                 arm.runtime.states.fault(f"tracking error of {', '.join(joints)}")
+
+    def _beyond(self, error: Array) -> bool:
+        """Return whether any actuator's error is beyond what is allowed, (J,) [rad or m]."""
+        return bool((np.abs(error) > self._table.tolerance).any())

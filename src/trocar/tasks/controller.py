@@ -337,7 +337,7 @@ class TipController:
             goal[2, 3] += z * PERIOD_S
             if a or b or c:
                 turn = np.array(rotation_rows(a * PERIOD_S, b * PERIOD_S, c * PERIOD_S))
-                goal[:3, :3] = turn @ goal[:3, :3]
+                goal[:3, :3] = turn.dot(goal[:3, :3])
             try:
                 after = self._inverse(driven, goal, now)
             except (UnreachableError, SingularError) as problem:
@@ -375,7 +375,7 @@ class TipController:
         registration = self.registration.get(driven.arm.name)
         if registration is not None:
             own = own @ inverse(registration)
-        local = own @ T
+        local = own.dot(T)
         if ends is not None and ends.nearest is not None and run.description is driven.description:
             found = ends.nearest(ends.before.dot(local).dot(ends.after), ends.limits, near)
             if found is not None:

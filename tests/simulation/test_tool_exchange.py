@@ -12,9 +12,9 @@ from trocar import load_scene
 from trocar.descriptions import load_tool, names
 from trocar.errors import InputError, UnknownNameError
 from trocar.simulation import World
-from trocar.simulation.supervision import Supervision
 from trocar.simulation.jaw import Jaw
 from trocar.simulation.journal import Entry, apply_command
+from trocar.simulation.supervision import Supervision
 
 MARYLAND = "MARYLAND_BIPOLAR_FORCEPS:400172"
 PROGRASP = "PROGRASP_FORCEPS:420093"

@@ -8,12 +8,12 @@ from tests.calls import calls_of, changes_of_file
 from trocar.tasks import make_task
 
 #: Python calls of 20 ms, files, and changes of file from call to call: in all, and in `tasks`.
-#: Source: measured on needle-pick, CPython 3.11: 51, 16, 34, and 15, 3. The simulation's part
-#: (positions, inverse kinematics, two rows of set-points, two steps, one reading) is the rest.
-MOST_CALLS, MOST_FILES, MOST_CHANGES = 51, 16, 34
-MOST_OWN_CALLS, MOST_OWN_FILES = 15, 3
+#: Source: measured on needle-pick, CPython 3.11: 33, 10, 21, and 14, 3. The simulation's part
+#: (inverse kinematics, two rows of set-points, two steps, one reading) is the rest.
+MOST_CALLS, MOST_FILES, MOST_CHANGES = 33, 10, 21
+MOST_OWN_CALLS, MOST_OWN_FILES = 14, 3
 #: Python calls of the observation after it: what was read already is not read again.
-MOST_OBSERVING = 5
+MOST_OBSERVING = 4
 #: Python calls of a second `make_task`, two thirds of which read the scene. Source: measured: 4,867
 #: and 7,587; 5,595 and 14,726 when every pair of shapes was looked at for softness in two calls.
 MOST_MAKING = {"needle-pick": 5000, "peg-board": 7800}

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from trocar.errors import InputError, RejectedError
 from trocar.simulation.cameras import CameraRecord
 from trocar.simulation.frames import Frames
-from trocar.simulation.journal import Journal
+from trocar.simulation.journal import MOST_COMMANDS, MOST_NUMBERS, Journal
 from trocar.simulation.motors import Motors
 from trocar.simulation.moves import Drift, Motion, Moves, Profile
 from trocar.simulation.operating_state import States
@@ -355,7 +355,16 @@ class JointControl:
             self._following = revision
         if not self._write(q, v, slice(0, len(q))):
             return False
-        journal.stream(self._name, q, v, self._own)
+        journal.revision += 1
+        journal.streamed += 1
+        past = journal.past
+        if not past.incomplete:
+            row = (journal.period, journal.time, self._name, q.copy(), v.copy(), self._own)
+            past.rows.append(row)
+            past.commands += 1 + (len(q) > self._own)
+            past.numbers += 2 * len(q)
+            if past.commands > MOST_COMMANDS or past.numbers > MOST_NUMBERS:
+                past.forget_many()
         return True
 
     def _follow(self, part: slice) -> bool:

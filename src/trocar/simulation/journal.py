@@ -60,7 +60,8 @@ class Journal:
         period, time: where the world is; the world keeps them up to date
         listeners: called with every entry
         revision: counts commands and events; nothing but motion changes between two
-        streamed: how many of them were `stream`, which changes set-points and nothing else
+        streamed: how many of them were streamed set-points (`JointControl.stream`), which change
+            nothing else
         inside: how many commands are under way; those that a command gives itself make no entry
         past: commands that lead here, from which a recording that begins later is repeated
     """
@@ -100,24 +101,6 @@ class Journal:
             self.past.keep(self.period, self.time, source, name, values)
         if self.listeners:
             self._send("command", source, name, values)
-
-    def stream(self, source: str, q: NDArray[Any], v: NDArray[Any], own: int) -> None:
-        """Keep set-points of an arm as its commands "servo_jp" and "jaw.servo_jp".
-
-        Args:
-            source: name of the arm
-            q, v: positions and velocities, (n,) each; copied
-            own: number of its joints, behind which the jaw's is
-        """
-        self.revision += 1
-        self.streamed += 1
-        past = self.past
-        if not past.incomplete:
-            past.rows.append((self.period, self.time, source, q.copy(), v.copy(), own))
-            past.commands += 1 + (len(q) > own)
-            past.numbers += 2 * len(q)
-            if past.commands > MOST_COMMANDS or past.numbers > MOST_NUMBERS:
-                past.forget_many()
 
     def _send(
         self,

@@ -90,7 +90,7 @@ class Moment:
         if not data.ncon:
             return False
         on_arm = self._on_arm
-        for one, other in data.contact.geom.tolist():
+        for one, other in data.contact.geom.tolist():  # noqa: SIM110  a generator is one more call
             if on_arm[one] or on_arm[other]:
                 return True
         return False

@@ -121,6 +121,8 @@ class Servos:
         computed: servos that get computed torque, which carries the weight as well, (J,) bool
         commanded: efforts of joints under open-loop control, (J,) [N m or N]
         holding: efforts that hold every motor's load, computed last, (J,) [N m or N]
+        feed: the sum that is fed forward, see `write_efforts`, a view of `setpoint`, (J,)
+        plain: whether the sum is all that `write_efforts` writes
         before: velocities of the set-points at the last physics step with computed torque, (J,)
         engaged: brakes of arms that hold against their motors, (J,) bool
         lower, upper: limits of efforts as they act, (J,) each [N m or N]
@@ -140,7 +142,7 @@ class Servos:
         ctrl: Array = data.ctrl.reshape(count, INPUTS)
         self._ctrl, self._force, self._qvel = ctrl, data.actuator_force, data.qvel
         self.setpoint = ctrl if errors is None else errors.setpoint
-        self._position, self._feed = self.setpoint[:, 0], self.setpoint[:, 2]
+        self.feed = self.setpoint[:, 2]
         self.modes = np.where(table.fingers, EFFORT, POSITION).astype(np.int8)
         self.gains, self.limit = table.gains.copy(), table.effort_max.copy()
         self.locked, self.powered = table.braked.copy(), np.ones(count, np.bool_)
@@ -150,11 +152,13 @@ class Servos:
         self.lower, self.upper = np.zeros((2, count))
         self._capped = np.isfinite(table.output_max)
         self._caps = bool(self._capped.any())
+        self.plain = not self._caps
         #: Joints whose limits in the model are not always those of their motors.
         self._ranged = np.flatnonzero(self._capped | (table.brake > 0.0))
         self.disturbance = None
         if (table.observer[:, 1] > 0.0).any():
             self.disturbance = DisturbanceObservers(table, float(model.opt.timestep))
+            self.plain = False
         watched = 0 if self.disturbance is None else len(self.disturbance.rows)
         #: State of the observers, the rest that is fed forward, and that of the last step.
         self._observed, self._steady, self._fed = np.zeros((3, watched))
@@ -248,9 +252,9 @@ class Servos:
 
     def write_efforts(self) -> None:
         """Write commanded and balancing efforts into the servos."""
-        np.add(self.commanded, self.balanced * self.holding, out=self._feed)
+        np.add(self.commanded, self.balanced * self.holding, out=self.feed)
         if self.disturbance is not None:
-            self._steady = self._feed[self.disturbance.rows]
+            self._steady = self.feed[self.disturbance.rows]
         if self._caps:
             self._write_ranges()
 
@@ -279,7 +283,7 @@ class Servos:
             np.copyto(state, before, where=~on)
         self._fed = self._steady
         added += self._steady
-        self._feed[rows] = added
+        self.feed[rows] = added
         if self.errors is not None:
             self._ctrl[rows, 2] = added
 
@@ -318,7 +322,7 @@ class Servos:
             (data.qpos, data.qvel), ctrl, self.effective[0], acceleration
         )
         which = self.computed & self.servoed
-        self._feed[which] = ctrl[which, 2] = efforts[which]
+        self.feed[which] = ctrl[which, 2] = efforts[which]
 
     def apply(self) -> None:
         """Write modes, gains, brakes and limits into the model, where they changed."""

@@ -92,7 +92,11 @@ class Supervision(Part):
             rows = self._physics.joints.arms[arm].rows
             kept[rows] = holding[rows]
             holding[:] = kept
-        self._servos.write_efforts()
+        servos = self._servos
+        if servos.plain:
+            np.add(servos.commanded, servos.balanced * holding, out=servos.feed)
+        else:
+            servos.write_efforts()
 
     def holding_efforts(self, out: Array) -> Array:
         """Compute the efforts that hold every motor's load still now, (J,) [N m or N].

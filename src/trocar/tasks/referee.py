@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from trocar.descriptions.scenes import Goal, Scene
 from trocar.simulation.grasps import Grasps
-from trocar.simulation.objects import ObjectStates
 from trocar.tasks.controller import TipController
 from trocar.tasks.scoring import fls_score
 

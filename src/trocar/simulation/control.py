@@ -314,7 +314,7 @@ class JointControl:
 
     def servo(self, q: ArrayLike, v: ArrayLike | None, part: slice, verb: str) -> bool:
         """Set positions (and velocities) of some joints now; return whether it was accepted."""
-        if self._follow(part) and self._write(q, v, part):
+        if self._quick(q, v, part):
             return True
         names = self.joint_names[part]
         target = self.rejections.vector(q, names, verb, "positions")
@@ -353,8 +353,12 @@ class JointControl:
             if not (self.exclusive() and self._follow(self._every)):
                 return False
             self._following = revision
-        if not self._write(q, v, slice(0, len(q))):
-            return False
+        m, moves, part = self.motors, self.moves, slice(0, len(q))
+        for place, speed, (low, high, most) in zip(q.tolist(), v.tolist(), self._limits):  # noqa: B905  quick
+            if not (low <= place <= high and -most <= speed <= most):  # NaN is neither
+                return False
+        m.position[part], m.velocity[part] = q, v
+        moves.tracking = moves.cartesian = False
         journal.revision += 1
         journal.streamed += 1
         past = journal.past
@@ -375,8 +379,14 @@ class JointControl:
         busy = m.brakes or m.welded or np.count_nonzero(m.modes[part]) > 0
         return self.states.ready and not busy
 
-    def _write(self, q: ArrayLike, v: ArrayLike | None, part: slice) -> bool:
-        """Write set-points of joints that follow their servos, if they are within all limits."""
+    def _quick(self, q: ArrayLike, v: ArrayLike | None, part: slice) -> bool:
+        """Set positions (and velocities) of joints that follow, within all limits, in few calls.
+
+        Returns:
+            whether it is done; else nothing changes
+        """
+        if not self._follow(part):
+            return False
         m, moves, limits = self.motors, self.moves, self._limits[part]
         try:
             places: Any = q.tolist() if isinstance(q, np.ndarray) else list(q)  # type: ignore[arg-type]

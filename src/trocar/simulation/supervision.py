@@ -149,9 +149,8 @@ class Tracking(Part):
         self._coordinates, self._setpoint = physics.data.qpos, physics.servos.setpoint[:, 0]
         self.before_every = steps_in(TRACKING_PERIOD_S, physics.timestep)
         #: Actuators of joints that their servos drive, as of a revision of the servos.
-        self._actuators, self._revision = np.zeros((0, 0)), -1
-        #: The sum of squares of errors that any of which is beyond is larger than this.
-        self._least = 0.99 * float(self._table.tolerance.min(initial=np.inf)) ** 2
+        self._actuators = self._ratios = np.zeros((0, 0))
+        self._revision = -1
 
     def placed(self, arm: str) -> None:  # noqa: ARG002  as every part
         """Forget where joints and set-points were."""
@@ -170,38 +169,48 @@ class Tracking(Part):
         servos, before = self._servos, self._before
         if self._revision != servos.revision:
             self._actuators = self._table.actuators * servos.servoed
+            self._ratios = self._actuators / self._table.tolerance[:, None]
             self._revision = servos.revision
         q = self._table.drive.dot(self._coordinates)
         if servos.errors is not None:
             q += servos.errors.error
         setpoint = self._setpoint.copy()
         self._before = q, setpoint
-        error = self._actuators.dot(q - setpoint)
-        far = error.dot(error) > self._least and self._beyond(error)  # the first is quick
-        if before and not far:
+        beyond = self._beyond(q - setpoint)
+        if beyond is None and before:
             moved = setpoint - before[1]
-            if moved.dot(moved) > 0.99 * STEP**2:  # likewise
-                error = self._actuators.dot(before[0] - setpoint)
-                far = error.dot(error) > self._least and abs(moved).max() > STEP
-                far = far and self._beyond(error)
-        if not far:
+            far = moved.dot(moved) > 0.99 * STEP**2  # quick, and true where any is far
+            if far and abs(moved).max() > STEP:
+                beyond = self._beyond(before[0] - setpoint)
+        if beyond is None:
             return
-        beyond = np.abs(error) > self._table.tolerance
         for arm in self._physics.arms.values():
             motors, described = arm.runtime.motors, arm.description
             if motors.welded:
                 continue
             coupled = described.own_joints - 3 if described.coupling else 0
             joints = [
-                f"{joint.name}{' disc' if coupled and k > 2 else ''} ({abs(error[row]):.3g} {unit},"
+                f"{joint.name}{' disc' if coupled and k > 2 else ''} ({found:.3g} {unit},"
                 f" allowed {joint.tracking_tolerance:g})"
                 for k, joint in enumerate(described.joints)
-                if beyond[(row := motors.index.rows.start + k)]
+                if (found := beyond[motors.index.rows.start + k])
                 for unit in ("m" if joint.kind == "prismatic" else "rad",)
             ]
             if joints:
                 arm.runtime.states.fault(f"tracking error of {', '.join(joints)}")
 
-    def _beyond(self, error: Array) -> bool:
-        """Return whether any actuator's error is beyond what is allowed, (J,) [rad or m]."""
-        return bool((np.abs(error) > self._table.tolerance).any())
+    def _beyond(self, lag: Array) -> Array | None:
+        """Return the errors of actuators beyond what is allowed, 0 for all others, None for none.
+
+        Args:
+            lag: of joints behind their set-points, (J,) [rad or m]
+
+        Returns:
+            (J,) [rad or m]
+        """
+        ratios = self._ratios.dot(lag)
+        if not ratios.dot(ratios) > 0.99:  # quick: none is 1
+            return None
+        error = np.abs(self._actuators.dot(lag))
+        beyond = error > self._table.tolerance
+        return np.where(beyond, error, 0.0) if beyond.any() else None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from tests.calls import calls_of, changes_of_file
@@ -42,3 +43,19 @@ def test_a_command_of_a_policy_takes_few_calls(scene: str) -> None:
 def test_a_task_is_made_without_a_call_for_each_pair_of_shapes(scene: str) -> None:
     make_task(scene)  # arms are read once
     assert len(calls_of(lambda: make_task(scene))) <= MOST_MAKING[scene]
+
+
+def test_what_no_joints_reach_is_found_out_once() -> None:
+    task = make_task("needle-reach")
+    away = np.array([0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 0.5])
+    for _ in range(25):
+        task.command(away)
+    reason = task.controller.stalls["PSM1"]
+    assert reason.startswith("pose out of reach")
+    q = task.controller.setpoints(away)[0]["PSM1"][0]
+    calls = calls_of(lambda: task.command(away))
+    assert "nearest_rcm_arm" not in {call.function for call in calls}
+    assert task.controller.stalls["PSM1"] == reason
+    np.testing.assert_array_equal(task.controller.setpoints(away)[0]["PSM1"][0], q)
+    task.command(-away)
+    assert not task.controller.stalls["PSM1"]

@@ -217,7 +217,6 @@ class JointControl:
         arm = motors.arm
         self._name, self._clock, self.motors = name, clock, motors
         self._journal, self._own = clock.journal, arm.own_joints
-        self._every = slice(0, len(arm.joints))
         #: `Journal.revision` without streamed set-points when all joints followed their servos.
         self._following = -1
         #: Whether nothing but position commands acts on the joints.
@@ -348,17 +347,18 @@ class JointControl:
         journal = self._journal
         if journal.listeners or journal.inside:
             return False
+        m, moves, part = self.motors, self.moves, slice(0, len(q))
         revision = journal.revision - journal.streamed
         if revision != self._following:
-            if not (self.exclusive() and self._follow(self._every)):
+            if not (self.exclusive() and self._quick(q, v, part)):
                 return False
-            self._following = revision
-        m, moves, part = self.motors, self.moves, slice(0, len(q))
-        for place, speed, (low, high, most) in zip(q.tolist(), v.tolist(), self._limits):  # noqa: B905  quick
-            if not (low <= place <= high and -most <= speed <= most):  # NaN is neither
-                return False
-        m.position[part], m.velocity[part] = q, v
-        moves.tracking = moves.cartesian = False
+            self._following = revision if len(q) == len(self._limits) else -1
+        else:
+            for place, speed, (low, high, most) in zip(q.tolist(), v.tolist(), self._limits):  # noqa: B905  quick
+                if not (low <= place <= high and -most <= speed <= most):  # NaN is neither
+                    return False
+            m.position[part], m.velocity[part] = q, v
+            moves.tracking = moves.cartesian = False
         journal.revision += 1
         journal.streamed += 1
         past = journal.past
@@ -371,23 +371,18 @@ class JointControl:
                 past.forget_many()
         return True
 
-    def _follow(self, part: slice) -> bool:
-        """Return whether joints simply follow their servos, with no move under way."""
-        m, moves = self.motors, self.moves
-        if moves.profile or moves.drift or self.switched or self.restored:
-            return False
-        busy = m.brakes or m.welded or np.count_nonzero(m.modes[part]) > 0
-        return self.states.ready and not busy
-
     def _quick(self, q: ArrayLike, v: ArrayLike | None, part: slice) -> bool:
-        """Set positions (and velocities) of joints that follow, within all limits, in few calls.
+        """Do as `servo` where these joints simply follow their servos, in few calls.
 
         Returns:
             whether it is done; else nothing changes
         """
-        if not self._follow(part):
+        m, moves = self.motors, self.moves
+        if moves.profile or moves.drift or self.switched or self.restored:
             return False
-        m, moves, limits = self.motors, self.moves, self._limits[part]
+        if m.brakes or m.welded or np.count_nonzero(m.modes[part]) or not self.states.ready:
+            return False
+        limits = self._limits[part]
         try:
             places: Any = q.tolist() if isinstance(q, np.ndarray) else list(q)  # type: ignore[arg-type]
             speeds: Any = places if v is None else v

@@ -123,8 +123,10 @@ class ArmRuntime:
 
     def ended(self, accepted: bool) -> bool:
         """End controllers after a position command that was accepted; return whether it was."""
-        if accepted and not self.forces.idle():
-            self.forces.end()
+        if accepted:
+            forces = self.forces  # as `idle`, in place: this runs with every servo command
+            if forces.controllers or forces.orientation is not None or forces.expiry is not None:
+                forces.end()
         return accepted
 
     def begun(self, motion: Motion) -> Motion:

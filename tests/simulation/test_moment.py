@@ -1,0 +1,95 @@
+"""A moment of a world has what its arms and objects say one by one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from trocar import load_scene
+from trocar.simulation import World
+from trocar.simulation.moment import Moment
+from trocar.simulation.objects import Objects
+from trocar.tasks import make_task
+
+
+def check(moment: Moment, world: World) -> None:
+    """Compare a moment with the readings of each arm and object, to the last bit."""
+    expected = world.part(Objects).states()
+    assert moment.objects.names == expected.names
+    for mine, its in zip(moment.objects[1:], expected[1:], strict=True):
+        np.testing.assert_array_equal(mine, its)
+    assert set(moment.tips) == set(moment.joints)
+    for name, tip in moment.tips.items():
+        arm = world.arms[name]
+        np.testing.assert_array_equal(tip, arm.measured_cp("world").matrix)
+        np.testing.assert_array_equal(moment.joints[name], arm.joints.positions())
+
+
+def moved(world: World, arm: str) -> None:
+    q = world.arms[arm].joints.setpoints()[world.arms[arm].runtime.own]
+    world.arms[arm].move_jp(q + 0.03)
+    world.step(100)
+
+
+@pytest.mark.parametrize("kind", ["scene", "jointed objects", "errors", "skew", "welded"])
+def test_a_moment_is_what_arms_and_objects_report(kind: str, skew_overlay, rng) -> None:
+    made = {
+        "scene": lambda: World(load_scene("needle-pick").rig),
+        "jointed objects": lambda: World(load_scene("dynamic-pendulum").rig),
+        "errors": lambda: World(load_scene("needle-pick").rig, errors="lab", seed=1),
+        "skew": lambda: World("psm", calibration=skew_overlay("psm", rng)),
+        "welded": lambda: World("two_psm_ecm", welded=("PSM2",)),
+    }
+    world = made[kind]()
+    moment = Moment(world, [name for name in world.arms if name.startswith("PSM")])
+    moved(world, "PSM1")
+    moment.read()
+    check(moment, world)
+
+
+def test_a_moment_is_renewed_when_something_moved_and_only_then() -> None:
+    world = World(load_scene("needle-pick").rig)
+    moment, arm = Moment(world, ["PSM1"]), world.arms["PSM1"]
+    moment.renew()
+    first = moment.objects
+    q = arm.joints.setpoints()
+    arm.servo_jp(q[:6])
+    moment.renew()  # a verb may have moved something
+    second = moment.objects
+    assert second is not first
+    assert arm.runtime.control.stream(q, np.zeros(7))
+    moment.renew()
+    assert moment.objects is second
+    world.step()
+    moment.renew()
+    check(moment, world)
+    world.objects["needle"].set_cp(world.objects["needle"].measured_cp().matrix)
+    moment.renew()
+    check(moment, world)
+
+
+def test_a_moment_goes_on_in_the_model_of_another_tool() -> None:
+    world = World(load_scene("needle-pick").rig)
+    moment = Moment(world, ["PSM1"])
+    world.exchange_tool("PSM1", "PROGRASP_FORCEPS:420093")
+    moved(world, "PSM1")
+    moment.renew()
+    check(moment, world)
+
+
+@pytest.mark.parametrize("scene", ["needle-pick", "bi-peg-transfer"])
+def test_arms_that_do_not_touch_anything_feel_no_force(scene: str) -> None:
+    task = make_task(scene)
+    moment, touched = Moment(task.world, task.arms), []
+    moment.read()
+    for action in task.policy():
+        if task.done or len(touched) >= 150:
+            break
+        task.command(action)
+        moment.renew()
+        touched.append(moment.touching())
+        if not touched[-1]:
+            forces = task.world.contact_forces()
+            assert not any(forces[name].any() for name in task.arms)
+    assert True in touched
+    assert False in touched

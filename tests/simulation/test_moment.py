@@ -1,4 +1,4 @@
-"""A moment of a world has what its arms and objects say one by one."""
+"""Readings of a moment agree with those of each arm and object."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def test_a_moment_goes_on_in_the_model_of_another_tool() -> None:
 
 
 @pytest.mark.parametrize("scene", ["needle-pick", "bi-peg-transfer"])
-def test_arms_that_do_not_touch_anything_feel_no_force(scene: str) -> None:
+def test_no_force_acts_on_arms_that_touch_nothing(scene: str) -> None:
     task = make_task(scene)
     moment, touched = Moment(task.world, task.arms), []
     moment.read()

@@ -16,14 +16,14 @@ Array = NDArray[np.float64]
 
 
 class Moment:
-    """Reads some arms and all objects of a world once for everybody who looks at the same moment.
+    """Readings of some arms and all objects of a world, computed once and shared by their users.
 
     All are as the robots report them. What they need of the model is looked up once; `Motors` and
     `Frames` read worlds with errors, and rigs with arms that are welded in or whose loops are no
     parallelograms.
 
     Args:
-        world: to read; only reading it again changes what was read
+        world: to read
         arms: names of those that are read
 
     Attributes:

@@ -97,7 +97,7 @@ class TipController:
 
     Attributes:
         world, arms: as given
-        moment: readings of the world and these arms, for everybody who looks after a period
+        moment: readings of the world and these arms, shared with referee and observation
         limits: least and largest values of an action, (n,) each
         stalled: time for which each arm stayed though an action moves it, {arm: time} [s]
         stalls: why an arm stays now, {arm: reason}
@@ -140,11 +140,11 @@ class TipController:
         self.limits: tuple[Array, Array] = np.array(low), np.array(high)
         self._bounds = list(zip(low, high, strict=True))
         self._rows = round(PERIOD_S / (EVERY * world.timestep))
-        #: How far along its way the set-points of each row are.
+        #: Ratio of the way that the set-points of each row have gone, (rows, 1).
         self._ratios = np.arange(1, self._rows + 1)[:, None] / self._rows
         self._joints: dict[str, Array] = {}
-        #: The last motion that no joints reach of each PSM that stands in the world: policies go on
-        #: to ask for the same, and to find out why takes a hundred times as long as a solution.
+        #: The last motion out of reach of each PSM that stands in the world: policies repeat it, and
+        #: the reason takes longer to compute than a solution.
         self._unreached: dict[str, _Unreached] = {}
         self._targets: dict[str, Array] = {}
         self.stalled: dict[str, float] = {}

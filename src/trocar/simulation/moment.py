@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 
 class Moment:
-    """Readings of some arms and all objects of a world, computed once and shared by their users.
+    """Readings of some arms and all objects of a world, computed once for all their users.
 
     All are as the robots report them. What they need of the model is looked up once; `Motors` and
     `Frames` read worlds with errors, and rigs with arms that are welded in or whose loops are no

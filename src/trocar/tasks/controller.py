@@ -143,8 +143,8 @@ class TipController:
         #: Ratio of the way that the set-points of each row have gone, (rows, 1).
         self._ratios = np.arange(1, self._rows + 1)[:, None] / self._rows
         self._joints: dict[str, Array] = {}
-        #: The last motion out of reach of each PSM that stands in the world: policies repeat it, and
-        #: the reason takes longer to compute than a solution.
+        #: The last motion out of reach of each PSM that stands in the world: policies repeat it,
+        #: and the reason takes longer to compute than a solution.
         self._unreached: dict[str, _Unreached] = {}
         self._targets: dict[str, Array] = {}
         self.stalled: dict[str, float] = {}

@@ -17,7 +17,7 @@ from trocar.geometry.se3 import inverse, translation
 from trocar.kinematics.inverse import ChainEnds, chain_ends
 from trocar.simulation import World
 from trocar.simulation.arm import Arm
-from trocar.simulation.moment import Moment
+from trocar.simulation.rig_readings import RigReadings
 
 Array = NDArray[np.float64]
 #: Set-points and their velocities of arms, {arm: (q, v)}.
@@ -97,7 +97,7 @@ class TipController:
 
     Attributes:
         world, arms: as given
-        moment: readings of the world and these arms, shared with referee and observation
+        readings: readings of the world and these arms, shared with referee and observation
         limits: least and largest values of an action, (n,) each
         stalled: time for which each arm stayed though an action moves it, {arm: time} [s]
         stalls: why an arm stays now, {arm: reason}
@@ -109,7 +109,7 @@ class TipController:
 
     def __init__(self, world: World, arms: Sequence[str], label: str) -> None:
         self.world, self.arms, self._label = world, tuple(arms), label
-        self.moment = Moment(world, self.arms)
+        self.readings = RigReadings(world, self.arms)
         standing = {place.name for place in world.rig.arms if not place.on}
         self._driven: dict[str, _Driven] = {}
         low: list[float] = []
@@ -193,7 +193,7 @@ class TipController:
         values: list[float] = []
         for number, (low, high) in zip(numbers, bounds):  # noqa: B905  as many, and often
             values.append(low if number < low else high if number > high else number)
-        self.moment.renew()
+        self.readings.renew()
         count = self._rows
         rows: list[Row] = []
         while len(rows) < count:
@@ -296,7 +296,7 @@ class TipController:
         if not driven.psm:
             after = before + np.array(values) * PERIOD_S
             return np.clip(after, run.control.lower, run.control.upper)
-        q, measured, reason = before.tolist(), self.moment.joints[name].tolist(), ""
+        q, measured, reason = before.tolist(), self.readings.joints[name].tolist(), ""
         jaw = q[-1]
         if any(values[:6]):
             reason = self._onward(name, driven, q, measured, values[:6])

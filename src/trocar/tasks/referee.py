@@ -68,13 +68,13 @@ class Referee:
     def __init__(self, scene: Scene, controller: TipController) -> None:
         self._scene, self._controller, self._world = scene, controller, controller.world
         self._arms = {name: self._world.arms[name] for name in controller.arms}
-        self._moment, self._grasps = controller.moment, self._world.part(Grasps)
+        self._readings, self._grasps = controller.readings, self._world.part(Grasps)
         self._rows = {name: row for row, name in enumerate(self._world.objects)}
         self.goals: tuple[tuple[Goal, Array], ...] = ()
         self._floor = -np.inf
         self.reported: Mapping[str, str] = {}
-        self._moment.read()
-        self.states = self._moment.objects
+        self._readings.read()
+        self.states = self._readings.objects
         self.begin()
 
     def place_goals(self, rng: np.random.Generator) -> None:
@@ -103,9 +103,9 @@ class Referee:
 
     def read(self) -> None:
         """Read objects, grasps, forces and tips, and count drops; once in every period."""
-        moment, grasps, before = self._moment, self._grasps, self.held
-        moment.read()
-        self.states = moment.objects
+        readings, grasps, before = self._readings, self._grasps, self.held
+        readings.read()
+        self.states = readings.objects
         self.time, self.held = self.states.time, {}
         for arm, grasp in zip(grasps.arms, grasps.latest, strict=True):
             if grasp.object and arm in self.grip:
@@ -115,13 +115,13 @@ class Referee:
             self.held.pop(arm, None)
             if name:
                 self.held[arm] = name
-        if moment.touching():
+        if readings.touching():
             for arm, force in self._world.contact_forces().items():
                 if arm in self.force and np.count_nonzero(force):
                     self.force[arm] = max(self.force[arm], math.hypot(*force.tolist()))
         if before or self._fell_from:
             self._count_drops(set(before.values()), set(self.held.values()))
-        tips = moment.tips if self._world.errors is None else self._true_tips()
+        tips = readings.tips if self._world.errors is None else self._true_tips()
         for name, T in tips.items():
             at = T[:3, 3].tolist()
             self.distance[name] += math.dist(at, self._were[name])

@@ -191,9 +191,9 @@ class Task:
             the scene's hidden objects and goals on them
         """
         found: dict[str, Array] = {}
-        moment, hidden = self.controller.moment, self.scene.hidden
-        moment.renew()
-        states, tips, joints = moment.objects, moment.tips, moment.joints
+        readings, hidden = self.controller.readings, self.scene.hidden
+        readings.renew()
+        states, tips, joints = readings.objects, readings.tips, readings.joints
         for name in self.arms:
             q = joints[name]
             if self.world.arms[name].description.type == "PSM":

@@ -15,7 +15,7 @@ from trocar.simulation.world import World
 Array = NDArray[np.float64]
 
 
-class Moment:
+class RigReadings:
     """Readings of some arms and all objects of a world, computed once for all their users.
 
     All are as the robots report them. What they need of the model is looked up once; `Motors` and

@@ -10,6 +10,7 @@ import pytest
 from trocar.descriptions import load_arm, load_rig
 from trocar.kinematics.forward import pose
 from trocar.simulation import World
+from trocar.simulation.supervision import Supervision
 
 #: Poses (yaw, pitch, insertion) and the efforts that sawIntuitiveResearchKit's coefficients have
 #: for them, by mounting pitch [deg] [N m, N m, N]. Source: share/kinematic/PSM_Si_physical.json and
@@ -63,7 +64,7 @@ def test_the_weight_is_that_of_the_robot_s_own_coefficients(rig, name, mount, at
     q = np.zeros(len(world.arms[name].joints.positions()))
     q[:3] = at
     world.set_state(name, q)
-    held = world.frames.holding_efforts(np.zeros(len(world.joints)))[:3]
+    held = world.part(Supervision).holding_efforts(np.zeros(len(world.joints)))[:3]
     np.testing.assert_allclose(held, efforts, rtol=0.0, atol=1.5e-3)  # rounded to 0.5e-3 there
 
 

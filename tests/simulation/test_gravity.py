@@ -11,6 +11,7 @@ from trocar.descriptions.inertial import holding_efforts
 from trocar.descriptions.overlay_records import ClosurePatch, Overlay
 from trocar.kinematics import pose
 from trocar.simulation import World
+from trocar.simulation.supervision import Supervision
 
 WORLD_DOWN = np.array([0.0, 0.0, -1.0])
 #: Rounding over chains of twenty products with 10 kg at 1 m.
@@ -20,7 +21,7 @@ AGREED = 1e-9
 def fed_forward(world: World, name: str) -> np.ndarray:
     """What compensation feeds each servo of an arm now, (n,)."""
     motors, servos = world.arm(name).runtime.motors, world.servos
-    holding = world.frames.holding_efforts(np.zeros(len(servos.table)))
+    holding = world.part(Supervision).holding_efforts(np.zeros(len(servos.table)))
     return (servos.balanced * holding)[motors.index.rows]
 
 

@@ -13,6 +13,7 @@ from trocar.errors import InputError, UnknownNameError
 from trocar.simulation import World
 from trocar.simulation.jaw import Jaw
 from trocar.simulation.journal import Entry, apply_command
+from trocar.simulation.supervision import Supervision
 
 MARYLAND = "MARYLAND_BIPOLAR_FORCEPS:400172"
 PROGRASP = "PROGRASP_FORCEPS:420093"
@@ -200,7 +201,7 @@ def test_gravity_is_compensated_for_the_new_weight_at_once() -> None:
     world.exchange_tool("PSM1", PROGRASP)
     fed = world.servos.setpoint[:, 2].copy()
     np.testing.assert_allclose(
-        fed, world.frames.holding_efforts(np.zeros(len(fed))), rtol=0, atol=1e-12
+        fed, world.part(Supervision).holding_efforts(np.zeros(len(fed))), rtol=0, atol=1e-12
     )
 
 

@@ -198,7 +198,7 @@ def quaternion_from_matrix(R: ArrayLike) -> Array:
     """
     m = np.asarray(R, dtype=np.float64)
     if m.size == 9:
-        return _quaternion_from_matrix(m.reshape(3, 3)).reshape(*m.shape[:-2], 4)
+        return np.array(quaternion_numbers(m.reshape(3, 3))).reshape(*m.shape[:-2], 4)
     outer = (m.reshape(-1, 9) @ _OUTER + _OUTER_REST).reshape(-1, 4, 4)
     best = outer.reshape(-1, 16)[:, ::5].argmax(axis=-1)
     q = outer[np.arange(len(outer)), best]
@@ -207,8 +207,8 @@ def quaternion_from_matrix(R: ArrayLike) -> Array:
     return q.reshape(*m.shape[:-2], 4) + 0.0  # no negative zeros
 
 
-def _quaternion_from_matrix(R: Array) -> Array:
-    """Do the same to one matrix, five times as fast."""
+def quaternion_numbers(R: Array) -> tuple[float, float, float, float]:
+    """Do as `quaternion_from_matrix` to one matrix (3, 3), five times as fast."""
     (a, b, c), (d, e, f), (g, h, i) = R.tolist()
     diagonal = (a + e + i + 1.0, a - e - i + 1.0, -a + e - i + 1.0, -a - e + i + 1.0)
     best = diagonal.index(max(diagonal))
@@ -223,7 +223,8 @@ def _quaternion_from_matrix(R: Array) -> Array:
     length = math.sqrt(w * w + x * x + y * y + z * z)
     if w < 0.0 or (w == 0.0 and (x < 0.0 or (x == 0.0 and (y < 0.0 or (y == 0.0 and z < 0.0))))):
         length = -length
-    return np.array([w / length, x / length, y / length, z / length]) + 0.0  # no negative zeros
+    # no negative zeros
+    return w / length + 0.0, x / length + 0.0, y / length + 0.0, z / length + 0.0
 
 
 def matrix_from_rotation_vector(v: ArrayLike) -> Array:

@@ -63,7 +63,8 @@ def read_task(task: Task) -> SceneReadings:
     rows = {name: row for row, name in enumerate(states.names)}
     psms = [name for name in task.arms if world.arms[name].description.type == "PSM"]
     joints = {name: world.arms[name].joints for name in task.arms}
-    poses = referee.seen()[1]
+    controller.readings.renew()
+    poses = controller.readings.tips
     tips = {name: controller.registered(name, poses[name].copy()) for name in psms}
     measured = {name: of.readings()[:2] for name, of in joints.items()}
     goals: list[Array] = []

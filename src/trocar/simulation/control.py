@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from trocar.errors import InputError, RejectedError
 from trocar.simulation.cameras import CameraRecord
 from trocar.simulation.frames import Frames
-from trocar.simulation.journal import Journal
+from trocar.simulation.journal import MOST_COMMANDS, MOST_NUMBERS, Journal
 from trocar.simulation.motors import Motors
 from trocar.simulation.moves import Drift, Motion, Moves, Profile
 from trocar.simulation.operating_state import States
@@ -216,6 +216,11 @@ class JointControl:
         """Control motors; `before` is what controlled those of the tool that was mounted before."""
         arm = motors.arm
         self._name, self._clock, self.motors = name, clock, motors
+        self._journal, self._own = clock.journal, arm.own_joints
+        #: `Journal.revision` without streamed set-points when all joints followed their servos.
+        self._following = -1
+        #: Whether nothing but position commands acts on the joints.
+        self.exclusive: Callable[[], bool] = lambda: True
         self.joint_names = arm.mechanism.joint_names
         self.lower, self.upper = arm.mechanism.lower, arm.mechanism.upper
         fastest = [joint.velocity_max for joint in arm.joints]
@@ -309,7 +314,7 @@ class JointControl:
 
     def servo(self, q: ArrayLike, v: ArrayLike | None, part: slice, verb: str) -> bool:
         """Set positions (and velocities) of some joints now; return whether it was accepted."""
-        if self.stream(q, v, part):
+        if self._quick(q, v, part):
             return True
         names = self.joint_names[part]
         target = self.rejections.vector(q, names, verb, "positions")
@@ -330,11 +335,48 @@ class JointControl:
         self.motors.follow()
         return True
 
-    def stream(self, q: ArrayLike, v: ArrayLike | None, part: slice) -> bool:
-        """Do so where these joints simply follow their servos, in few calls; else change nothing.
+    def stream(self, q: Array, v: Array) -> bool:
+        """Set positions and velocities of joints now, the jaw's behind them if given, (n,) each.
+
+        As `Arm.servo_jp` and then `Jaw.servo_jp` do, where every joint simply follows its servo and
+        the journal has no listeners; else nothing changes, and these two do it or say why not.
+        Whether joints follow is looked up again only after commands and events.
 
         Returns:
             whether it is done
+        """
+        journal = self._journal
+        if journal.listeners or journal.inside:
+            return False
+        m, moves, part = self.motors, self.moves, slice(0, len(q))
+        revision = journal.revision - journal.streamed
+        if revision != self._following:
+            if not (self.exclusive() and self._quick(q, v, part)):
+                return False
+            self._following = revision if len(q) == len(self._limits) else -1
+        else:
+            for place, speed, (low, high, most) in zip(q.tolist(), v.tolist(), self._limits):  # noqa: B905  quick
+                if not (low <= place <= high and -most <= speed <= most):  # NaN is neither
+                    return False
+            m.position[part], m.velocity[part] = q, v
+            moves.tracking = moves.cartesian = False
+        journal.revision += 1
+        journal.streamed += 1
+        past = journal.past
+        if not past.incomplete:
+            row = (journal.period, journal.time, self._name, q.copy(), v.copy(), self._own)
+            past.rows.append(row)
+            past.commands += 1 + (len(q) > self._own)
+            past.numbers += 2 * len(q)
+            if past.commands > MOST_COMMANDS or past.numbers > MOST_NUMBERS:
+                past.forget_many()
+        return True
+
+    def _quick(self, q: ArrayLike, v: ArrayLike | None, part: slice) -> bool:
+        """Do as `servo` where these joints simply follow their servos, in few calls.
+
+        Returns:
+            whether it is done; else nothing changes
         """
         m, moves = self.motors, self.moves
         if moves.profile or moves.drift or self.switched or self.restored:

@@ -228,6 +228,10 @@ class ForceControl:
         self._absolute = False
         self.effort[:] = 0.0
 
+    def idle(self) -> bool:
+        """Return whether there is nothing to `end`."""
+        return not self.controllers and self.orientation is None and self.expiry is None
+
     def end(self) -> None:
         """End controllers, time-outs and the lock of the gimbal."""
         self.expiry = None

@@ -51,6 +51,9 @@ class Frames:
         table: its joints
         model, data: the physics
         errors: by which all of this is where the robots report it; None: where it is
+
+    Attributes:
+        project: coordinates by the measured joints = project @ qpos, but for skew loops, (nq, nq)
     """
 
     def __init__(
@@ -65,7 +68,7 @@ class Frames:
         self._true_qpos, self._errors = data.qpos, errors
         self._known = {arm.name: arm for arm in rig.arms}
         self._centred = [a.name for a in rig.arms if "rcm" in a.arm.mechanism.frame_index]
-        self._project = np.eye(model.nq)
+        self.project = np.eye(model.nq)
         self._jacobian = np.zeros((6, model.nv))
         self._linear, self._angular = self._jacobian[:3], self._jacobian[3:]
         self._linkages: dict[str, Linkage] = {}
@@ -74,7 +77,7 @@ class Frames:
             loops = None if index.parallel else folding_table(arm.arm.mechanism)
             if len(index.hinges) and (index.parallel or loops):
                 linkage = self._linkages[arm.name] = Linkage(arm, table, loops)
-                self._project[index.qpos] = linkage.couple @ table.drive[index.rows]
+                self.project[index.qpos] = linkage.couple @ table.drive[index.rows]
         self._skew = [linkage for linkage in self._linkages.values() if linkage.skew]
         #: Arms whose loops several joints fold: no table gives their hinges.
         self._folded = [
@@ -153,7 +156,7 @@ class Frames:
     def _pose(self, name: str = "", q: Array | None = None) -> mujoco.MjData:
         """Put frames where the measured joints have them, one arm at other joints (n,) if given."""
         qpos = self._true_qpos if self._errors is None else self._errors.qpos()
-        np.dot(self._project, qpos, out=self._shown)
+        np.dot(self.project, qpos, out=self._shown)
         for linkage in self._skew:
             linkage.close(qpos, self._shown)
         if q is not None:
@@ -169,7 +172,7 @@ class Frames:
                 (`follows`) stay where they are
             out: of the same model
         """
-        np.dot(self._project, self._qpos, out=out.qpos)
+        np.dot(self.project, self._qpos, out=out.qpos)
         for name, linkage in self._linkages.items():
             out.qpos[linkage.qpos] = linkage.at(q[name])[0]
         mujoco.mj_kinematics(self._model, out)
@@ -339,17 +342,6 @@ class Frames:
     def linear(self) -> bool:
         """Whether `joint_efforts` is `share @ forces`, wherever the arms are."""
         return not self._skew and not self._folded
-
-    def holding_efforts(self, out: Array) -> Array:
-        """Return the efforts that hold every motor's load still now, (J,) [N m or N].
-
-        See `joint_efforts`.
-        """
-        bodies = self.bodies()
-        mujoco.mj_comPos(self._model, bodies)
-        forces = bodies.qfrc_inverse
-        mujoco.mj_rne(self._model, bodies, 0, forces)
-        return self.joint_efforts(forces, out)
 
     def joint_efforts(self, forces: Array, out: Array) -> Array:
         """Return the joint efforts that do the work of forces on all hinges, (J,) [N m or N].

@@ -126,6 +126,11 @@ class Grasps(Part):
         rig: its description
         timestep: of the physics [s]
         journal: receives "grasp/object" with the force, "grasp/slipped" and "grasp/dropped"
+
+    Attributes:
+        objects: names of what can be held
+        arms: names of those that have jaws
+        latest: the grasp of each of them, as of the last look
     """
 
     def __init__(self, rig: RigDescription, timestep: float, journal: Journal) -> None:
@@ -155,6 +160,7 @@ class Grasps(Part):
         self._model, self._data = model, data
         self._axes, self._origins = data.xmat.reshape(-1, 3, 3), data.xpos
         self._jaws, self._faces = find_jaws(rig, model, self.objects)
+        self.arms = tuple(jaws.arm for jaws in self._jaws)
         bodies = [model.body(name).id for name in self.objects]
         self._bodies = np.array(bodies, dtype=np.intp)
         #: Root of the tree of each: itself, or the body that a thread is tied to. All forces on a
@@ -182,7 +188,7 @@ class Grasps(Part):
 
     def read(self) -> dict[str, Grasp]:
         """Return the grasp of each jaw as of the last look, {arm: grasp}."""
-        return {jaws.arm: read for jaws, read in zip(self._jaws, self._read, strict=True)}
+        return dict(zip(self.arms, self.latest, strict=True))
 
     def begin(self) -> None:
         """Begin anew, with nothing held."""
@@ -191,7 +197,7 @@ class Grasps(Part):
 
     def save(self) -> dict[str, GraspState]:
         """Return the state of each jaw, {arm: state}."""
-        rows = zip(self._jaws, self._holds, self._looks, self._read, strict=True)
+        rows = zip(self._jaws, self._holds, self._looks, self.latest, strict=True)
         return {jaws.arm: GraspState(hold, looks.copy(), r) for jaws, hold, looks, r in rows}
 
     def load(self, state: Mapping[str, GraspState]) -> None:
@@ -200,7 +206,7 @@ class Grasps(Part):
         for row, jaws in enumerate(self._jaws):
             if jaws.arm in state:
                 kept = state[jaws.arm]
-                self._looks[row], self._read[row] = kept.looks, kept.read
+                self._looks[row], self.latest[row] = kept.looks, kept.read
                 self._set(row, kept.hold)
         self._pressing = bool(self._looks.any())
         self._slicken()
@@ -260,7 +266,7 @@ class Grasps(Part):
     def _guard(self, row: int, hold: Hold, contacts: list[int], pressed: float) -> None:
         """Let go of what slips or is no longer pressed; leave what is loaded to friction."""
         load, pull = self._load(row, hold, contacts, pressed)
-        self._read[row] = self._grasp(hold.object, pressed, load)
+        self.latest[row] = self._grasp(hold.object, pressed, load)
         self._most[row] = max(self._most[row], pressed)
         if hold.stuck and pressed < LOOSE_N:
             self._release(row)
@@ -293,7 +299,7 @@ class Grasps(Part):
         looks, most, least = self._looks[row], -1, 0.0
         pressed = [held for jaws, held in contacts if jaws == row]
         if not pressed and not self._pressing:
-            self._read[row] = self._grasp(None, 0.0)
+            self.latest[row] = self._grasp(None, 0.0)
             return
         counts = np.where(looks < 0, looks + 1, 0)
         for held in sorted(pressed):
@@ -306,7 +312,7 @@ class Grasps(Part):
         if (looks == self._again).any():  # friction is back
             self._slicken()
         presses = least > PRESS_N
-        self._read[row] = self._grasp(most if presses else None, least)
+        self.latest[row] = self._grasp(most if presses else None, least)
         if presses and looks[most] >= self._enough:
             self._take(row, most, np.array(contacts[row, most]), least)
 
@@ -320,7 +326,7 @@ class Grasps(Part):
         #: The largest force of each hold so far; what was let go: jaw, body, from where [m].
         self._most = [0.0] * count
         self._loose: dict[int, tuple[int, int, float]] = {}
-        self._read = [Grasp("", 0.0, 0.0, 0.0)] * count
+        self.latest = [Grasp("", 0.0, 0.0, 0.0)] * count
 
     def _take(self, row: int, found: int, contacts: Index, force: float) -> None:
         """Take hold of an object where it is now, unless a finger is dug into it."""
@@ -346,7 +352,7 @@ class Grasps(Part):
         self._set(row, Hold(found, body, anchor, turned, *grip))
         self._slicken()
         self._looks[row] = 0
-        self._read[row] = self._grasp(found, force)
+        self.latest[row] = self._grasp(found, force)
         self._most[row] = force
         self._loose.pop(found, None)
         name = self.objects[found]
@@ -370,7 +376,7 @@ class Grasps(Part):
         self._set(row, None)
         self._slicken()
         self._looks[row] = 0
-        self._read[row] = self._grasp(None, 0.0)
+        self.latest[row] = self._grasp(None, 0.0)
         self._journal.event(self._jaws[row].arm, "grasp/object", object="", force=self._most[row])
 
     def _slip(self, row: int, hold: Hold, load: float) -> None:

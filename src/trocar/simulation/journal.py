@@ -60,7 +60,8 @@ class Journal:
         period, time: where the world is; the world keeps them up to date
         listeners: called with every entry
         revision: counts commands and events; nothing but motion changes between two
-        streamed: how many of them were `stream`, which changes set-points and nothing else
+        streamed: how many of them were streamed set-points (`JointControl.stream`), which change
+            nothing else
         inside: how many commands are under way; those that a command gives itself make no entry
         past: commands that lead here, from which a recording that begins later is repeated
     """
@@ -101,19 +102,6 @@ class Journal:
         if self.listeners:
             self._send("command", source, name, values)
 
-    def stream(self, source: str, q: NDArray[Any], v: NDArray[Any], own: int) -> None:
-        """Keep set-points of an arm as its commands "servo_jp" and "jaw.servo_jp".
-
-        Args:
-            source: name of the arm
-            q, v: positions and velocities, (n,) each; copied
-            own: number of its joints, behind which the jaw's is
-        """
-        self.revision += 1
-        self.streamed += 1
-        if not self.past.incomplete:
-            self.past.keep_row(self.period, self.time, source, q.copy(), v.copy(), own)
-
     def _send(
         self,
         kind: Literal["command", "event"],
@@ -131,22 +119,24 @@ class Past:
 
     Attributes:
         incomplete: why commands are missing; "" while all are kept
+        rows: period, time, source, name and values of each, or streamed set-points of an arm in
+            place of the last two: positions, velocities and the number of its own joints
+        commands, numbers: how many are kept, and the numbers in them
     """
 
     def __init__(self) -> None:
         self.incomplete = ""
-        #: Period, time, source, name and values of each, or set-points in place of the last two.
-        self._kept: list[
+        self.rows: list[
             tuple[int, float, str, str, Mapping[str, object]]
             | tuple[int, float, str, NDArray[Any], NDArray[Any], int]
         ] = []
-        self._commands = self._numbers = 0
+        self.commands = self.numbers = 0
 
     @property
     def entries(self) -> list[Entry]:
         """The commands, oldest first."""
         found: list[Entry] = []
-        for kept in self._kept:
+        for kept in self.rows:
             if len(kept) == 5:
                 period, time, source, name, values = kept
                 found.append(Entry(period, time, "command", source, name, values))
@@ -162,24 +152,15 @@ class Past:
         self, period: int, time: float, source: str, name: str, values: Mapping[str, object]
     ) -> None:
         """Keep a command; its values belong to this from now on."""
-        self._kept.append((period, time, source, name, values))
+        self.rows.append((period, time, source, name, values))
         for value in values.values():
-            self._numbers += value.size if isinstance(value, np.ndarray) else _numbers(value)
-        self._commands += 1
-        if self._commands > MOST_COMMANDS or self._numbers > MOST_NUMBERS:
-            self._forget_many()
+            self.numbers += value.size if isinstance(value, np.ndarray) else _numbers(value)
+        self.commands += 1
+        if self.commands > MOST_COMMANDS or self.numbers > MOST_NUMBERS:
+            self.forget_many()
 
-    def keep_row(
-        self, period: int, time: float, source: str, q: NDArray[Any], v: NDArray[Any], own: int
-    ) -> None:
-        """Keep set-points of an arm as its commands, see `Journal.stream`; they belong to this."""
-        self._kept.append((period, time, source, q, v, own))
-        self._commands += 1 + (len(q) > own)
-        self._numbers += 2 * len(q)
-        if self._commands > MOST_COMMANDS or self._numbers > MOST_NUMBERS:
-            self._forget_many()
-
-    def _forget_many(self) -> None:
+    def forget_many(self) -> None:
+        """Keep no more: they became too many."""
         self.forget(
             f"it began after more than {MOST_COMMANDS} commands or {MOST_NUMBERS} numbers in"
             " them; begin it earlier"
@@ -188,7 +169,7 @@ class Past:
     def forget(self, why: str) -> None:
         """Keep no commands until the next `restart`, for this reason."""
         self.incomplete = why
-        self._kept.clear()
+        self.rows.clear()
 
     def restart(self, commands: Iterable[tuple[str, str, Mapping[str, object]]]) -> None:
         """Keep these commands instead of all before, since they lead here by themselves.
@@ -197,8 +178,8 @@ class Past:
             commands: source, name and values of each; a new world takes them before its first step
         """
         self.incomplete = ""
-        self._kept.clear()
-        self._commands = self._numbers = 0
+        self.rows.clear()
+        self.commands = self.numbers = 0
         for source, name, values in commands:
             if not self.incomplete:
                 self.keep(0, 0.0, source, name, values)

@@ -91,6 +91,7 @@ class ArmRuntime:
         self.poses = dict(arm.poses)
         self.motors = motors
         self.control = JointControl(self.name, motors, self._clock, before)
+        self.control.exclusive = self.forces.idle
         count = len(arm.mechanism.joint_names)
         self.own, self.every = slice(0, arm.own_joints), slice(0, count)
         self.tip.fit(self.control)
@@ -120,27 +121,10 @@ class ArmRuntime:
         """
         self._clock.exchange_tool(self.name, name)
 
-    def stream(self, q: Array, v: Array) -> bool:
-        """Set positions and velocities of joints now, the jaw's behind them if given, (n,) each.
-
-        As `Arm.servo_jp` and then `Jaw.servo_jp` do, where every joint simply follows its servo and
-        the journal has no listeners; else nothing changes, and these two do it or say why not.
-
-        Returns:
-            whether it is done
-        """
-        forces, journal = self.forces, self.journal
-        if forces.controllers or forces.orientation is not None or forces.expiry is not None:
-            return False
-        if journal.listeners or journal.inside or not self.control.stream(q, v, slice(0, len(q))):
-            return False
-        journal.stream(self.name, q, v, self.own.stop)
-        return True
-
     def ended(self, accepted: bool) -> bool:
         """End controllers after a position command that was accepted; return whether it was."""
         if accepted:
-            forces = self.forces
+            forces = self.forces  # as `idle`, in place: this runs with every servo command
             if forces.controllers or forces.orientation is not None or forces.expiry is not None:
                 forces.end()
         return accepted

@@ -121,6 +121,8 @@ class Servos:
         computed: servos that get computed torque, which carries the weight as well, (J,) bool
         commanded: efforts of joints under open-loop control, (J,) [N m or N]
         holding: efforts that hold every motor's load, computed last, (J,) [N m or N]
+        feed: the sum that is fed forward, see `write_efforts`, a view of `setpoint`, (J,)
+        plain: whether the sum is all that `write_efforts` writes
         before: velocities of the set-points at the last physics step with computed torque, (J,)
         engaged: brakes of arms that hold against their motors, (J,) bool
         lower, upper: limits of efforts as they act, (J,) each [N m or N]
@@ -140,7 +142,7 @@ class Servos:
         ctrl: Array = data.ctrl.reshape(count, INPUTS)
         self._ctrl, self._force = ctrl, data.actuator_force
         self.setpoint = ctrl if errors is None else errors.setpoint
-        self._position, self._feed = self.setpoint[:, 0], self.setpoint[:, 2]
+        self.feed = self.setpoint[:, 2]
         self.modes = np.where(table.fingers, EFFORT, POSITION).astype(np.int8)
         self.gains, self.limit = table.gains.copy(), table.effort_max.copy()
         self.locked, self.powered = table.braked.copy(), np.ones(count, np.bool_)
@@ -150,11 +152,13 @@ class Servos:
         self.lower, self.upper = np.zeros((2, count))
         self._capped = np.isfinite(table.output_max)
         self._caps = bool(self._capped.any())
+        self.plain = not self._caps
         #: Joints whose limits in the model are not always those of their motors.
         self._ranged = np.flatnonzero(self._capped | (table.brake > 0.0))
         self.disturbance = None
         if (table.observer[:, 1] > 0.0).any():
             self.disturbance = DisturbanceObservers(table, float(model.opt.timestep))
+            self.plain = False
         watched = (0, 0) if self.disturbance is None else self.disturbance.coupled.shape
         #: State of the observers; the rest that is fed forward to their joints, and that of the
         #: last step.
@@ -178,7 +182,6 @@ class Servos:
         self._read = np.zeros((0, 0))
         self._motors = MotorEffort(table, slice(None))
         self._motors.renew(self.lower, self.upper)
-        self._actuators = np.zeros((0, 0))
         self._read_revision = -1
         self._written: tuple[bytes, ...] = ()
 
@@ -207,7 +210,6 @@ class Servos:
             self._bound(limits)
             sizes = self._model.nq, self._model.nv
             self._read = read_matrix(self.table, gains, sizes)
-            self._actuators = self.table.actuators * self.servoed
             self._read_revision = self.revision
         return self._read
 
@@ -249,32 +251,13 @@ class Servos:
         self._motors.limit(effort, qd)
         return found
 
-    def beyond(self, q: Array | None = None) -> tuple[Array, Array | None]:
-        """Return positions and the tracking errors of actuators beyond what is allowed.
-
-        (J,) each [rad or m]; errors are 0 for all others, None if no actuator is beyond.
-
-        Args:
-            q: positions instead of those measured now, as this returned them
-        """
-        if self._read_revision != self.revision:
-            self.matrix()
-        if q is None:
-            q = self.table.drive.dot(self._data.qpos)
-            if self.errors is not None:
-                q += self.errors.error
-        error = np.abs(self._actuators.dot(q - self._position))
-        beyond = error > self.table.tolerance
-        some = np.count_nonzero(beyond)  # any() takes 1 us
-        return q, np.where(beyond, error, 0.0) if some else None
-
     # ------------------------------------------------------------------ write
 
     def write_efforts(self) -> None:
         """Write commanded and balancing efforts into the servos."""
-        np.add(self.commanded, self.balanced * self.holding, out=self._feed)
+        np.add(self.commanded, self.balanced * self.holding, out=self.feed)
         if self.disturbance is not None:
-            self._steady = self._feed[self.disturbance.joints]
+            self._steady = self.feed[self.disturbance.joints]
         if self._caps:
             self._write_ranges()
 
@@ -301,7 +284,7 @@ class Servos:
         added = observers.observe(self._observed, effort, found, self._observing)
         self._fed = self._steady
         added += self._steady
-        self._feed[joints] = added
+        self.feed[joints] = added
         if self.errors is not None:
             self._ctrl[joints, 2] = added
 
@@ -342,7 +325,7 @@ class Servos:
             (data.qpos, data.qvel), ctrl, self.effective[0], acceleration
         )
         which = self.computed & self.servoed
-        self._feed[which] = ctrl[which, 2] = efforts[which]
+        self.feed[which] = ctrl[which, 2] = efforts[which]
 
     def apply(self) -> None:
         """Write modes, gains, brakes and limits into the model, where they changed."""

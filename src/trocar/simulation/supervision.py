@@ -69,6 +69,10 @@ class Supervision(Part):
         )
         load = steps_in(LOAD_PERIOD_S, physics.timestep)
         self.before_every = load * max(1, round(GRAVITY_PERIOD_S / LOAD_PERIOD_S))
+        self._frames, self._model, self._data = physics.true_frames, physics.model, physics.data
+        self._share = table.share if self._frames.linear else None
+        #: Bodies where the physics has them, made when they are first needed.
+        self._bodies: mujoco.MjData | None = None
         self._grippers = [a.gripper for a in physics.arms.values() if a.gripper is not None]
 
     def before_step(self) -> None:
@@ -81,19 +85,42 @@ class Supervision(Part):
         """Feed forward what holds every motor's load, or only those of one arm, where they are."""
         holding = self._servos.holding
         kept = holding.copy() if arm else None
-        self._physics.true_frames.holding_efforts(holding)
+        self.holding_efforts(holding)
         if self._drivetrains.drives is not None or self._coefficients is not None:
             self._correct()
         if kept is not None:
             rows = self._physics.joints.arms[arm].rows
             kept[rows] = holding[rows]
             holding[:] = kept
-        self._servos.write_efforts()
+        servos = self._servos
+        if servos.plain:
+            np.add(servos.commanded, servos.balanced * holding, out=servos.feed)
+        else:
+            servos.write_efforts()
+
+    def holding_efforts(self, out: Array) -> Array:
+        """Compute the efforts that hold every motor's load still now, (J,) [N m or N].
+
+        See `Frames.joint_efforts`.
+
+        Args:
+            out: written and returned, (J,)
+        """
+        model, bodies = self._model, self._bodies
+        if bodies is None:
+            bodies = self._bodies = self._frames.bodies()
+            self._coordinates, self._weight = bodies.qpos, bodies.qfrc_inverse
+        self._coordinates[:] = self._data.qpos
+        mujoco.mj_kinematics(model, bodies)
+        mujoco.mj_comPos(model, bodies)
+        mujoco.mj_rne(model, bodies, 0, self._weight)
+        if self._share is None:
+            return self._frames.joint_efforts(self._weight, out)
+        return np.dot(self._share, self._weight, out=out)
 
     def balance_at_rest(self) -> None:
         """Feed forward what holds every motor's load from the bias forces of arms at rest."""
-        data = self._physics.data
-        self._physics.true_frames.joint_efforts(data.qfrc_bias, self._servos.holding)
+        self._frames.joint_efforts(self._data.qfrc_bias, self._servos.holding)
         self._correct()
         self._servos.write_efforts()
 
@@ -101,7 +128,7 @@ class Supervision(Part):
         """Add efforts of springs; controllers with coefficients replace the sum by their own."""
         drives, holding = self._drivetrains.drives, self._servos.holding
         if drives is not None:
-            holding += drives.holding(self._physics.data.qpos)
+            holding += drives.holding(self._data.qpos)
         if self._coefficients is not None:
             self._coefficients.write(self._servos.qpos(), holding)
 
@@ -118,8 +145,12 @@ class Tracking(Part):
 
     def attach(self, physics: Attached) -> None:
         """Take the physics that the arms are in."""
-        self._physics, self._servos = physics, physics.servos
+        self._physics, self._servos, self._table = physics, physics.servos, physics.joints
+        self._coordinates, self._setpoint = physics.data.qpos, physics.servos.setpoint[:, 0]
         self.before_every = steps_in(TRACKING_PERIOD_S, physics.timestep)
+        #: Actuators of joints that their servos drive, as of a revision of the servos.
+        self._actuators = self._ratios = np.zeros((0, 0))
+        self._revision = -1
 
     def placed(self, arm: str) -> None:  # noqa: ARG002  as every part
         """Forget where joints and set-points were."""
@@ -136,14 +167,21 @@ class Tracking(Part):
     def before_step(self) -> None:
         """Look at tracking errors, of a step of set-points from where joints were before it."""
         servos, before = self._servos, self._before
-        q, beyond = servos.beyond()
-        setpoint = servos.setpoint[:, 0].copy()
+        if self._revision != servos.revision:
+            self._actuators = self._table.actuators * servos.servoed
+            self._ratios = self._actuators / self._table.tolerance[:, None]
+            self._revision = servos.revision
+        q = self._table.drive.dot(self._coordinates)
+        if servos.errors is not None:
+            q += servos.errors.error
+        setpoint = self._setpoint.copy()
         self._before = q, setpoint
+        beyond = self._beyond(q - setpoint)
         if beyond is None and before:
             moved = setpoint - before[1]
             far = moved.dot(moved) > 0.99 * STEP**2  # quick, and true where any is far
             if far and abs(moved).max() > STEP:
-                _, beyond = servos.beyond(before[0])
+                beyond = self._beyond(before[0] - setpoint)
         if beyond is None:
             return
         for arm in self._physics.arms.values():
@@ -160,3 +198,19 @@ class Tracking(Part):
             ]
             if joints:
                 arm.runtime.states.fault(f"tracking error of {', '.join(joints)}")
+
+    def _beyond(self, lag: Array) -> Array | None:
+        """Return the errors of actuators beyond what is allowed, 0 for all others, None for none.
+
+        Args:
+            lag: of joints behind their set-points, (J,) [rad or m]
+
+        Returns:
+            (J,) [rad or m]
+        """
+        ratios = self._ratios.dot(lag)
+        if not ratios.dot(ratios) > 0.99:  # quick: none is 1
+            return None
+        error = np.abs(self._actuators.dot(lag))
+        beyond = error > self._table.tolerance
+        return np.where(beyond, error, 0.0) if beyond.any() else None

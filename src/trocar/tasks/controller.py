@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +17,7 @@ from trocar.geometry.se3 import inverse, translation
 from trocar.kinematics.inverse import ChainEnds, chain_ends
 from trocar.simulation import World
 from trocar.simulation.arm import Arm
+from trocar.simulation.rig_readings import RigReadings
 
 Array = NDArray[np.float64]
 #: Set-points and their velocities of arms, {arm: (q, v)}.
@@ -71,6 +73,16 @@ class _Driven:
     ends: ChainEnds | None
 
 
+class _Unreached(NamedTuple):
+    """A motion that no joints reach: from a target and joints by a twist, and the reason."""
+
+    target: Array
+    tool: ArmDescription
+    near: list[float]
+    twist: list[float]
+    reason: str
+
+
 class TipController:
     """Turns actions into set-points of arms, and commands these.
 
@@ -85,6 +97,7 @@ class TipController:
 
     Attributes:
         world, arms: as given
+        readings: readings of the world and these arms, shared with referee and observation
         limits: least and largest values of an action, (n,) each
         stalled: time for which each arm stayed though an action moves it, {arm: time} [s]
         stalls: why an arm stays now, {arm: reason}
@@ -96,6 +109,7 @@ class TipController:
 
     def __init__(self, world: World, arms: Sequence[str], label: str) -> None:
         self.world, self.arms, self._label = world, tuple(arms), label
+        self.readings = RigReadings(world, self.arms)
         standing = {place.name for place in world.rig.arms if not place.on}
         self._driven: dict[str, _Driven] = {}
         low: list[float] = []
@@ -126,7 +140,12 @@ class TipController:
         self.limits: tuple[Array, Array] = np.array(low), np.array(high)
         self._bounds = list(zip(low, high, strict=True))
         self._rows = round(PERIOD_S / (EVERY * world.timestep))
+        #: Ratio of the way that the set-points of each row have gone, (rows, 1).
+        self._ratios = np.arange(1, self._rows + 1)[:, None] / self._rows
         self._joints: dict[str, Array] = {}
+        #: The last motion out of reach of each PSM that stands in the world: policies repeat it,
+        #: and the reason takes longer to compute than a solution.
+        self._unreached: dict[str, _Unreached] = {}
         self._targets: dict[str, Array] = {}
         self.stalled: dict[str, float] = {}
         self.stalls: dict[str, str] = {}
@@ -142,6 +161,7 @@ class TipController:
 
     def resume(self) -> None:
         """Hold the arms where they are, as after other commands."""
+        self._unreached.clear()
         for name, driven in self._driven.items():
             self._joints[name] = driven.arm.joints.setpoints()
             if driven.psm:
@@ -173,6 +193,7 @@ class TipController:
         values: list[float] = []
         for number, (low, high) in zip(numbers, bounds):  # noqa: B905  as many, and often
             values.append(low if number < low else high if number > high else number)
+        self.readings.renew()
         count = self._rows
         rows: list[Row] = []
         while len(rows) < count:
@@ -182,12 +203,13 @@ class TipController:
             after = self._joints[name] = self._next(name, driven, values[driven.part])
             change, own = after - before, driven.own
             v = change / PERIOD_S
-            rows[0][name] = before + (1 / count) * change, v
+            table = self._ratios * change
+            table += before
+            rows[0][name] = table[0], v
             if np.count_nonzero(change):  # any() takes 1 us
                 whole = np.count_nonzero(change[own:])
-                for k in range(2, count + 1):
-                    q = before + (k / count) * change
-                    rows[k - 1][name] = (q, v) if whole else (q[:own], v[:own])
+                for k in range(1, count):
+                    rows[k][name] = (table[k], v) if whole else (table[k, :own], v[:own])
         return rows
 
     def drive(self, row: Row) -> None:
@@ -195,7 +217,7 @@ class TipController:
         for name, (q, v) in row.items():
             driven = self._driven[name]
             arm, own = driven.arm, driven.own
-            if arm.runtime.stream(q, v):
+            if arm.runtime.control.stream(q, v):
                 continue
             arm.servo_jp(q[:own], v[:own])
             jaw = arm.jaw if len(q) > own else None
@@ -274,7 +296,7 @@ class TipController:
         if not driven.psm:
             after = before + np.array(values) * PERIOD_S
             return np.clip(after, run.control.lower, run.control.upper)
-        q, measured, reason = before.tolist(), run.motors.positions().tolist(), ""
+        q, measured, reason = before.tolist(), self.readings.joints[name].tolist(), ""
         jaw = q[-1]
         if any(values[:6]):
             reason = self._onward(name, driven, q, measured, values[:6])
@@ -301,19 +323,27 @@ class TipController:
             twist: of the tip, six
         """
         joints, reason, now = driven.description.joints, "", q[:-1]
-        T = self.registration.get(name)
+        T, target = self.registration.get(name), self._targets[name]
+        asked = twist
+        if T is None and (failed := self._unreached.get(name)) is not None:
+            same = failed.target is target and failed.tool is driven.arm.runtime.description
+            if same and failed.near == now and failed.twist == asked:
+                return failed.reason
         for _ in range(2):
-            goal = self._targets[name].copy() if T is None else T @ self._targets[name]
+            goal = target.copy() if T is None else T @ target
             x, y, z, a, b, c = twist
             goal[0, 3] += x * PERIOD_S
             goal[1, 3] += y * PERIOD_S
             goal[2, 3] += z * PERIOD_S
             if a or b or c:
                 turn = np.array(rotation_rows(a * PERIOD_S, b * PERIOD_S, c * PERIOD_S))
-                goal[:3, :3] = turn @ goal[:3, :3]
+                goal[:3, :3] = turn.dot(goal[:3, :3])
             try:
                 after = self._inverse(driven, goal, now)
             except (UnreachableError, SingularError) as problem:
+                if T is None and driven.T_arm_world is not None:
+                    tool = driven.arm.runtime.description
+                    self._unreached[name] = _Unreached(target, tool, now, asked, str(problem))
                 return str(problem)
             worst, fastest = 0.0, 0
             for k, most in enumerate(driven.travels):
@@ -345,7 +375,7 @@ class TipController:
         registration = self.registration.get(driven.arm.name)
         if registration is not None:
             own = own @ inverse(registration)
-        local = own @ T
+        local = own.dot(T)
         if ends is not None and ends.nearest is not None and run.description is driven.description:
             found = ends.nearest(ends.before.dot(local).dot(ends.after), ends.limits, near)
             if found is not None:

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from trocar.descriptions.scenes import Goal, Scene
 from trocar.simulation.grasps import Grasps
-from trocar.simulation.objects import Objects, ObjectStates
 from trocar.tasks.controller import TipController
 from trocar.tasks.scoring import fls_score
 
@@ -69,12 +68,13 @@ class Referee:
     def __init__(self, scene: Scene, controller: TipController) -> None:
         self._scene, self._controller, self._world = scene, controller, controller.world
         self._arms = {name: self._world.arms[name] for name in controller.arms}
-        self._objects, self._grasps = self._world.part(Objects), self._world.part(Grasps)
+        self._readings, self._grasps = controller.readings, self._world.part(Grasps)
         self._rows = {name: row for row, name in enumerate(self._world.objects)}
         self.goals: tuple[tuple[Goal, Array], ...] = ()
         self._floor = -np.inf
         self.reported: Mapping[str, str] = {}
-        self.states = self._objects.states()
+        self._readings.read()
+        self.states = self._readings.objects
         self.begin()
 
     def place_goals(self, rng: np.random.Generator) -> None:
@@ -100,15 +100,14 @@ class Referee:
         self.tips = self._true_tips()
         #: Position of each tip at the last reading [m].
         self._were: dict[str, list[float]] = {n: T[:3, 3].tolist() for n, T in self.tips.items()}
-        self._read_at = -1, -1
 
     def read(self) -> None:
         """Read objects, grasps, forces and tips, and count drops; once in every period."""
-        world, before, journal = self._world, self.held, self._world.journal
-        self._read_at = journal.period, journal.revision
-        self.states = self._objects.states()
+        readings, grasps, before = self._readings, self._grasps, self.held
+        readings.read()
+        self.states = readings.objects
         self.time, self.held = self.states.time, {}
-        for arm, grasp in self._grasps.read().items():
+        for arm, grasp in zip(grasps.arms, grasps.latest, strict=True):
             if grasp.object and arm in self.grip:
                 self.held[arm] = grasp.object
                 self.grip[arm] = max(self.grip[arm], grasp.force)
@@ -116,12 +115,13 @@ class Referee:
             self.held.pop(arm, None)
             if name:
                 self.held[arm] = name
-        for arm, force in world.contact_forces().items():
-            if arm in self.force and np.count_nonzero(force):
-                self.force[arm] = max(self.force[arm], math.hypot(*force.tolist()))
+        if readings.touching():
+            for arm, force in self._world.contact_forces().items():
+                if arm in self.force and np.count_nonzero(force):
+                    self.force[arm] = max(self.force[arm], math.hypot(*force.tolist()))
         if before or self._fell_from:
             self._count_drops(set(before.values()), set(self.held.values()))
-        tips = self._measured_tips() if world.errors is None else self._true_tips()
+        tips = readings.tips if self._world.errors is None else self._true_tips()
         for name, T in tips.items():
             at = T[:3, 3].tolist()
             self.distance[name] += math.dist(at, self._were[name])
@@ -218,16 +218,6 @@ class Referee:
         T = self._world.object(goal.on).measured_cp().matrix
         return T[:3, :3] @ at + T[:3, 3]
 
-    def seen(self) -> tuple[ObjectStates, Mapping[str, Array]]:
-        """Return objects and measured poses of the driven arms' tips now.
-
-        They are read again if anything moved.
-        """
-        world, journal = self._world, self._world.journal
-        if self._read_at != (journal.period, journal.revision):
-            return self._objects.states(), self._measured_tips()
-        return self.states, self.tips if world.errors is None else self._measured_tips()
-
     def position(self, name: str) -> Array:
         """Return an object's position, as of the last reading, (3,) [m]."""
         return self.states.positions[self._rows[name]]
@@ -242,14 +232,6 @@ class Referee:
     def _true_tips(self) -> dict[str, Array]:
         """Return the true tips of the driven arms in the world now, {arm: (4, 4)}."""
         return {name: self._true_tip(name) for name in self._arms}
-
-    def _measured_tips(self) -> dict[str, Array]:
-        """Return the measured tips of the driven arms in the world now, {arm: (4, 4)}."""
-        arms, frames = self._arms, self._world.frames
-        found = frames.tip_poses(arms)
-        if found is None:
-            return {name: arm.measured_cp("world").matrix for name, arm in arms.items()}
-        return found
 
     def _true_tip(self, arm: str) -> Array:
         """Return the true pose of a tip in the world, whatever its encoders report, (4, 4)."""

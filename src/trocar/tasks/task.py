@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from trocar.descriptions.randomisation import Randomisation
 from trocar.descriptions.scenes import Goal, Scene
 from trocar.errors import InputError
-from trocar.geometry.rotations import matrix_from_quaternion, quaternion_from_matrix
+from trocar.geometry.rotations import matrix_from_quaternion, quaternion_numbers
 from trocar.geometry.se3 import transform
 from trocar.simulation import World
 from trocar.simulation.objects import ObjectStates
@@ -191,23 +191,24 @@ class Task:
             the scene's hidden objects and goals on them
         """
         found: dict[str, Array] = {}
-        states, tips = self.referee.seen()
-        hidden = self.scene.hidden
+        readings, hidden = self.controller.readings, self.scene.hidden
+        readings.renew()
+        states, tips, joints = readings.objects, readings.tips, readings.joints
         for name in self.arms:
-            arm = self.world.arms[name].runtime
-            q = arm.motors.positions()
-            if arm.description.type == "PSM":
+            q = joints[name]
+            if self.world.arms[name].description.type == "PSM":
                 tip = tips[name]
                 if self.controller.registration:
                     tip = self.controller.registered(name, tip)
-                turn = quaternion_from_matrix(tip[:3, :3])
-                found[name] = np.concatenate([tip[:3, 3], turn, q[-1:]])
+                x, y, z = tip[:3, 3].tolist()
+                found[name] = np.array([x, y, z, *quaternion_numbers(tip[:3, :3]), q[-1]])
             else:
-                found[name] = q
+                found[name] = q.copy()
         states = states if self.randomised is None else self.observed
+        placed = np.concatenate([states.positions, states.quaternions], axis=1)
         for row, name in enumerate(states.names):
             if name not in hidden:
-                found[name] = np.concatenate([states.positions[row], states.quaternions[row]])
+                found[name] = placed[row]
         seen: list[Array] = []
         for goal, at in self.referee.goals:
             if goal.on not in hidden:

@@ -40,15 +40,16 @@ EXTRAS_judges := [dev,judges,learn,gpu]
 
 # The browser draws in software and needs the machine for itself; pytest ends with 5 where ARGS
 # chooses nothing. Side by side, processes with several BLAS threads each only wait for one another.
+walk := tests/viewer/test_browser_controls.py
 define tests
-$(BIN)/python -m pytest -m "browser and not slow" --durations=10 $(ARGS) || [ $$? = 5 ]
+$(BIN)/python -m pytest -m browser --ignore=$(walk) --durations=10 $(ARGS) || [ $$? = 5 ]
 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m "not browser and not slow" -n $(JOBS) \
 	--dist worksteal --durations=30 $(ARGS)
 endef
 
 # More robots and longer runs of what the other tests prove once.
 define slow
-$(BIN)/python -m pytest -m "slow and browser" $(ARGS) || [ $$? = 5 ]
+$(BIN)/python -m pytest $(walk)
 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m "slow and not browser" -n $(JOBS) \
 	--dist worksteal --durations=10 $(ARGS) || [ $$? = 5 ]
 endef

@@ -49,7 +49,7 @@ endef
 
 # More robots and longer runs of what the other tests prove once.
 define slow
-$(BIN)/python -m pytest $(walk)
+$(if $(ARGS),,$(BIN)/python -m pytest $(walk))
 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m "slow and not browser" -n $(JOBS) \
 	--dist worksteal --durations=10 $(ARGS) || [ $$? = 5 ]
 endef

@@ -49,7 +49,6 @@ endef
 
 # More robots and longer runs of what the other tests prove once.
 define slow
-$(if $(ARGS),,$(BIN)/python -m pytest $(walk))
 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m "slow and not browser" -n $(JOBS) \
 	--dist worksteal --durations=10 $(ARGS) || [ $$? = 5 ]
 endef
@@ -73,7 +72,7 @@ define install
 $(call pip,$(1),--constraint constraints.txt --build-constraint constraints.txt --editable '.$(2)')
 endef
 
-.PHONY: help venv run quick test slow kernels check skipped lint bench speed attack cad docs dist hashes licences ros1-venv clean
+.PHONY: help venv run quick test slow controls kernels check skipped lint bench speed attack cad docs dist hashes licences ros1-venv clean
 
 help: ## say what can be made
 	@sed -n 's/^\([a-z0-9-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 18
@@ -98,6 +97,9 @@ test: .venv/.ready-test ## run all tests but the slow ones (browser tests where 
 
 slow: .venv/.ready-test ## run the slow tests
 	$(slow)
+
+controls: .venv/.ready-test ## try every control of the page in a Chromium, at three widths
+	$(BIN)/python -m pytest $(walk) $(ARGS)
 
 kernels: .venv/.ready-test ## run the tests of fits as other x86-64 processors round
 	@for kernel in $(KERNELS); do needs=$${kernel%:*} name=$${kernel#*:}; \

@@ -76,7 +76,8 @@ class ArmMachine(RuleBasedStateMachine):
         if name == "unhome":
             assert not now.is_homed
         if name != "resume" or accepted:
-            goes_on = not accepted or name in ("enable", "unhome")  # what is under way
+            homed = before.is_homed and before.state == "ENABLED"  # "home" then changes nothing
+            goes_on = not accepted or name in ("enable", "unhome") or (homed and name == "home")
             self.ends = self.ends if goes_on else np.inf
 
     # ------------------------------------------------------------------ motion

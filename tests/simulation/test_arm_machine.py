@@ -198,8 +198,17 @@ class ArmMachine(RuleBasedStateMachine):
 
     @rule(ratio=st.floats(0.002, 1.0), of=st.sampled_from(["both", "velocity", "acceleration"]))
     def ratio(self, ratio: float, of: Any) -> None:
-        self.arm.joints.set_trajectory_ratio(ratio, of)
-        assert ratio in self.arm.joints.trajectory_ratio
+        before, refused = self.arm.joints.trajectory_ratio, ""
+        try:
+            self.arm.joints.set_trajectory_ratio(ratio, of)
+        except InputError as error:
+            refused = str(error)
+        if refused:  # a running move would take hours to brake
+            assert self.motion is not None
+            assert "no trajectory" in refused
+            assert self.arm.joints.trajectory_ratio == before
+        else:
+            assert ratio in self.arm.joints.trajectory_ratio
 
     @rule()
     def brakes(self) -> None:
@@ -231,13 +240,13 @@ class ArmMachine(RuleBasedStateMachine):
             arm.setpoint_js().position,
         )
         inside = bool(((arm.joints.lower < before) & (before < arm.joints.upper))[:own].all())
-        began = self.world.time
+        began, acts = self.world.time, self.arm.runtime.active
         self.world.step(steps)
         now = arm.operating_state()
         if was.state not in POWERED and inside:
             np.testing.assert_allclose(arm.joints.positions()[:own], before[:own], atol=STILL)
         ended = -1e-9 < self.ends - began <= self.world.time - began + 1e-9
-        if not (was.ready or was.is_busy or ended) and now.state == was.state:
+        if not (was.ready or was.is_busy or acts or ended) and now.state == was.state:
             np.testing.assert_array_equal(arm.setpoint_js().position, setpoint)
         assert now.is_homed == was.is_homed or was.is_busy
         if self.motion is not None and self.motion.done:
@@ -330,5 +339,5 @@ def test_an_arm_keeps_its_laws_whatever_verbs_come():
 
 
 @pytest.mark.slow
-def test_an_arm_keeps_its_laws_in_long_fresh_orders_of_verbs():
-    run(ExchangingMachine, 400, 50)
+def test_an_arm_keeps_its_laws_in_long_orders_of_verbs():
+    run(ExchangingMachine, 400, 50, derandomize=True)

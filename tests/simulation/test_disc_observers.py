@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from trocar.descriptions import load_rig
 from trocar.descriptions.records import Observer, RigDescription
 from trocar.simulation import World
+from trocar.simulation.jaw import Jaw
 
 #: Joints from discs of the Large Needle Driver. Source: sawIntuitiveResearchKit@9e535e6
 #: share/tool/LARGE_NEEDLE_DRIVER_420006.json.
@@ -28,6 +29,12 @@ MOST = 0.0385 * 13.813 * 1.1
 #: to 6. [kg m^2, rad/s]
 MASS, CUTOFF = 0.0005, np.array([10.0, 10.0, 0.0, 10.0])
 WRIST = slice(3, 7)
+
+
+def jaw_of(world: World) -> Jaw:
+    jaw = world.arm("PSM1").jaw
+    assert jaw is not None
+    return jaw
 
 
 def observed(*discs: Observer, friction: bool = False) -> RigDescription:
@@ -113,7 +120,7 @@ def test_efforts_of_joints_are_those_of_the_dvrks_law_at_the_discs(cutoff: NDArr
         if k % 60 == 0:
             step = np.append(np.zeros(3), rng.uniform(-0.05, 0.05, 3))
             world.arm("PSM1").servo_jp(joints.setpoints()[:6] + step)
-            world.arm("PSM1").jaw.servo_jp([rng.uniform(0.0, 0.8)])
+            jaw_of(world).servo_jp([rng.uniform(0.0, 0.8)])
         q, qd, _ = servos.true()
         q, qd = q[WRIST].copy(), qd[WRIST].copy()
         discs = np.linalg.solve(A, qd)
@@ -141,7 +148,7 @@ def test_discs_that_drive_a_joint_without_a_pid_observe_nothing():
     world = World("psm_si")
     arm = world.arm("PSM1")
     arm.servo_jp(arm.joints.setpoints()[:6] + np.array([0.0, 0.0, 0.0, 0.05, 0.05, 0.05]))
-    arm.jaw.servo_jf([-0.05])
+    jaw_of(world).servo_jf([-0.05])
     world.step(100)
     state = world.servos.observations()[0, WRIST]
     assert (state[[2, 3]] == 0.0).all()
@@ -158,8 +165,8 @@ def test_an_instrument_of_the_si_has_no_observers_on_a_classic_arm():
 def test_a_gripping_jaw_has_its_discs_at_their_limit_and_turns_no_wrist():
     """Disc 4 has an observer and disc 3 none: together they would turn the wrist yaw."""
     world = World("psm_si")
-    arm = world.arm("PSM1")
-    arm.jaw.servo_jp([-0.34])  # the fingers meet at 0
+    world.arm("PSM1")
+    jaw_of(world).servo_jp([-0.34])  # the fingers meet at 0
     world.step(1000)
     assert world.servos.read()[2, 6] == pytest.approx(-0.16)
     assert np.abs(wrist_error(world)[:3]).max() < 1e-3

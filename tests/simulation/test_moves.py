@@ -8,9 +8,16 @@ import pytest
 from trocar.descriptions import load_arm, names
 from trocar.errors import InputError
 from trocar.simulation import World
+from trocar.simulation.jaw import Jaw
 from trocar.simulation.moves import Profile
 
 GOAL = np.array([0.6, -0.4, 0.19, 1.0, 0.4, -0.3])
+
+
+def jaw_of(world: World) -> Jaw:
+    jaw = world.arm("PSM1").jaw
+    assert jaw is not None
+    return jaw
 
 
 def followed(world: World, periods: int) -> np.ndarray:
@@ -192,7 +199,7 @@ def test_a_servo_command_to_arm_or_jaw_ends_the_move_of_both(mover):
     if mover == "arm":
         motion = arm.move_jp([0.4, 0, 0.12, 0, 0, 0])
         world.step(round(0.285 / world.timestep))
-        assert arm.jaw.servo_jp([0.3])
+        assert jaw_of(world).servo_jp([0.3])
         assert 0.05 < arm.setpoint_js().position[0] < 0.08
         assert arm.jaw.setpoint_js().position == 0.3
     else:
@@ -223,7 +230,7 @@ def test_a_move_of_the_arm_takes_a_jaw_to_the_goal_of_its_last_move(caplog):
     arm = world.arm("PSM1")
     assert arm.jaw is not None
     assert arm.jaw.move_jp([0.4]).wait(5.0)
-    assert arm.jaw.servo_jp([0.6])
+    assert jaw_of(world).servo_jp([0.6])
     world.step(100)
     with caplog.at_level("WARNING", "trocar"):
         assert arm.move_jp(GOAL).wait(5.0)
@@ -237,7 +244,7 @@ def test_a_relative_move_of_the_arm_adds_the_jaws_last_goal_to_where_it_is():
     arm = world.arm("PSM1")
     assert arm.jaw is not None
     assert arm.jaw.move_jp([0.4]).wait(5.0)
-    assert arm.jaw.servo_jp([0.5])
+    assert jaw_of(world).servo_jp([0.5])
     for expected in (0.9, arm.joints.upper[-1]):
         assert arm.move_jr([0.1, 0, 0, 0, 0, 0]).wait(5.0)
         assert arm.jaw.setpoint_js().position == pytest.approx(expected)
@@ -351,7 +358,7 @@ def test_set_point_velocities_beyond_the_limit_are_clipped_with_a_warning(caplog
     np.testing.assert_array_equal(
         arm.setpoint_js().velocity, [most[0], -most[1], 0.1, 0.0, 0.0, 0.0]
     )
-    assert arm.jaw is not None and arm.jaw.servo_jp([0.3], [1e6])
+    assert arm.jaw is not None and jaw_of(world).servo_jp([0.3], [1e6])
     assert arm.jaw.setpoint_js().velocity == most[-1]
     assert "velocity clipped" in arm.rejections.last
 
@@ -368,7 +375,7 @@ def jaws(world: World, goals: tuple[float, ...], periods: int) -> np.ndarray:
     """The jaw's set-points while it moves to goals, begun `periods` apart, (periods * goals,)."""
     found = []
     for goal in goals:
-        world.arm("PSM1").jaw.move_jp([goal])
+        jaw_of(world).move_jp([goal])
         found.append(jaw_followed(world, periods))
     return np.concatenate(found)
 
@@ -377,13 +384,13 @@ def jaw_followed(world: World, periods: int) -> np.ndarray:
     found = []
     for _ in range(periods):
         world.step()
-        found.append(float(world.arm("PSM1").jaw.setpoint_js().position[0]))
+        found.append(float(jaw_of(world).setpoint_js().position[0]))
     return np.array(found)
 
 
 def jaw_at(angle: float) -> World:
     world = World("psm")
-    world.arm("PSM1").jaw.servo_jp([angle])
+    jaw_of(world).servo_jp([angle])
     return world
 
 
@@ -404,7 +411,7 @@ def test_beyond_a_limit_the_jaw_waits_for_its_trajectory_there_and_back(periods)
 
 def test_a_command_at_the_limit_ends_the_trajectory_beyond_it():
     world = jaw_at(0.4)
-    jaw, upper = world.arm("PSM1").jaw, float(world.arm("PSM1").joints.upper[6])
+    jaw, upper = jaw_of(world), float(world.arm("PSM1").joints.upper[6])
     assert jaw.move_jp([upper + 2.0]).goal == pytest.approx([upper + 2.0])
     jaws(world, (upper + 2.0,), 400)
     jaw.servo_jp([upper])

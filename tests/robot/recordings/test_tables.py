@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -433,7 +434,7 @@ def test_rows_of_words_before_the_numbers_are_a_header(
 ) -> None:
     time, q, _ = motion()
     indexed = heads[-1][1] == "0"
-    table = np.column_stack([np.arange(len(time)), time, q] if indexed else [time, q])
+    table = np.column_stack([np.arange(float(len(time))), time, q] if indexed else [time, q])
     path = csv(tmp_path / "log.csv", [], table)
     head = "\n".join(",".join(head) for head in heads)
     path.write_text(f"{head}\n\n{path.read_text()}" if len(heads) == 3 else
@@ -479,7 +480,7 @@ def test_arrays_of_another_shape_are_refused(tmp_path: Path, array: Array, probl
     ],
 )
 def test_poses_of_a_tip_by_three_angles_become_joints(
-    tmp_path: Path, names: Sequence[str], how: dict[str, tuple[str, ...]]
+    tmp_path: Path, names: Sequence[str], how: dict[str, Any]
 ) -> None:
     time, q, _ = motion(count=20)
     poses = chain_pose(PSM.mechanism)(q)

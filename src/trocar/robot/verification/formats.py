@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from importlib import import_module
 from importlib.util import find_spec
 from typing import Any, cast
 from xml.etree import ElementTree
@@ -184,9 +185,7 @@ def _mujoco_urdf(tree: LinkModel) -> Stand:
 
 def _pinocchio_urdf(tree: LinkModel) -> Stand:
     """Read with pinocchio, which works out what mimics."""
-    import pinocchio  # pyright: ignore[reportMissingImports]
-
-    library: Any = pinocchio  # compiled, without types
+    library: Any = import_module("pinocchio")  # compiled, without types
     model = library.buildModelFromXML(urdf(tree).decode(), mimic=True)
     data = model.createData()
     leading = {

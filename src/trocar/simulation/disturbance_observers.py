@@ -72,7 +72,7 @@ class DisturbanceObservers:
         return None if on.all() else np.asarray(on, dtype=np.float64)
 
     def matrix(self, read: Array) -> Array:
-        """Return the matrix of M g v of motors, and twice of what the PID calls for, (3 K, n).
+        """Return the matrix of M g v of motors and, in two copies, of the PID's torques, (3 K, n).
 
         It is multiplied by the factor of READ. The PID's torques are without those that are fed
         forward, and 0 of motors other than discs.

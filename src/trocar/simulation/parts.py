@@ -59,8 +59,8 @@ class Part:
     """A part of a world; each method does nothing unless a part overrides it.
 
     The world calls all parts in the order in which they were added, in one thread. A part changes
-    motion by forces and fields of the model, at steps that depend on nothing but the number of
-    physics steps since the reset: then motion is the same however steps are grouped.
+    motion by forces, velocities and fields of the model, at steps that depend on nothing but the
+    number of physics steps since the reset: then motion is the same however steps are grouped.
 
     Attributes:
         name: in its world; `World.add` sets it, and commands of the part are entries under it

@@ -96,7 +96,7 @@ class RigReadings:
         return False
 
     def _look_up(self) -> None:
-        """Look up what the readings need in the model as it is compiled now."""
+        """Take views and rows of the compiled model."""
         world = self._world
         self._model, compiled, data = world.model, world.mj_model, world.mj_data
         self._compiled, self._data, self._qpos, self._qvel = compiled, data, data.qpos, data.qvel

@@ -200,7 +200,7 @@ class Tracking(Part):
                 arm.runtime.states.fault(f"tracking error of {', '.join(joints)}")
 
     def _beyond(self, lag: Array) -> Array | None:
-        """Return the errors of actuators beyond what is allowed, 0 for all others, None for none.
+        """Return errors of actuators above tolerance, 0 for all others; None if all are below.
 
         Args:
             lag: of joints behind their set-points, (J,) [rad or m]

@@ -18,9 +18,9 @@ from trocar.simulation.records import DrawnCurve
 
 Array = NDArray[np.float64]
 
-#: Links turn [rad/s] and the beginning moves [m/s] at most so fast: what an arm that was put into a
-#: thread in no time (a reset, a tool, mode "set") presses out of it would else tear the numbers
-#: apart. Source: our own choice; jaws that pull knots shut turn links at 108 rad/s (measured).
+#: Largest speeds of links [rad/s] and of the first link's end [m/s]. An arm that is put into thread
+#: in no time (a reset, a tool, mode "set") would otherwise make the simulation diverge. Source: our
+#: own choice; jaws that pull knots shut turn links at 108 rad/s (measured).
 TURN_RAD_S, MOVE_M_S = 1000.0, 20.0
 #: Points of the drawn curve for each link. Source: our own choice.
 POINTS = 4
@@ -53,7 +53,7 @@ class ThreadProp(Part):
         self._fastest[:3] = MOVE_M_S
 
     def look(self) -> None:
-        """Slow down what is faster than anything that pulls a thread."""
+        """Limit the speeds of links to `TURN_RAD_S` and `MOVE_M_S`."""
         speed = self._data.qvel[self._dofs]
         if (np.abs(speed) > self._fastest).any():
             self._data.qvel[self._dofs] = np.clip(speed, -self._fastest, self._fastest)

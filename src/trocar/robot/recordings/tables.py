@@ -181,7 +181,7 @@ class _Rows:
         self._add(number, fields)
 
     def _begins(self, line: str, count: int) -> bool:
-        """Return whether the table begins here, and what was read before is a preamble.
+        """Return whether the table begins at this line; rows before it are then a preamble.
 
         Args:
             line: the line

@@ -85,9 +85,7 @@ def test_a_script_whose_c_code_lets_no_other_thread_run_is_ended(tmp_path: Path)
     assert f'File "{script}", line 1 in <module>' in err
 
 
-@pytest.mark.parametrize(
-    "last", ["", pytest.param("while True: pass\n", marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("last", ["", pytest.param("while True: pass\n", marks=pytest.mark.slow)])
 def test_a_script_whose_thread_outlives_it_is_ended(tmp_path: Path, last: str) -> None:
     script = tmp_path / "script.py"
     script.write_text(

@@ -15,6 +15,8 @@ endif
 BIN := .venv/$(bin)
 comma := ,
 ARGS ?=
+# Without bytecode each of the programs that tests start compiles trocar anew.
+unexport PYTHONDONTWRITEBYTECODE
 # Tests run in this many processes; JOBS=0 runs them in one.
 JOBS ?= 2
 # The first Python that is new enough, the usual one before the others.
@@ -38,11 +40,14 @@ EXTRAS_docs := [docs]
 EXTRAS_dev := [dev]
 EXTRAS_judges := [dev,judges,learn,gpu]
 
-# The browser draws in software and needs the machine for itself; pytest ends with 5 where ARGS
-# chooses nothing. Side by side, processes with several BLAS threads each only wait for one another.
+# pytest ends with 5 where ARGS chooses nothing. Side by side, processes with several BLAS threads
+# each only wait for one another.
 walk := tests/viewer/test_browser_controls.py
+# The folder of browser tests, unless ARGS names tests: to collect all takes half a minute.
+browsed := $(if $(findstring tests/,$(ARGS)),,tests/viewer)
 define tests
-$(BIN)/python -m pytest -m browser --ignore=$(walk) --durations=10 $(ARGS) || [ $$? = 5 ]
+OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m browser --ignore=$(walk) -n $(JOBS) --dist loadfile \
+	--durations=10 $(browsed) $(ARGS) || [ $$? = 5 ]
 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m "not browser and not slow" -n $(JOBS) \
 	--dist worksteal --durations=30 $(ARGS)
 endef

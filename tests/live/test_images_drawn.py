@@ -74,7 +74,8 @@ def test_pictures_go_on_when_a_tool_is_exchanged_and_show_the_new_one() -> None:
 def test_the_motion_is_the_same_to_the_last_bit_whether_somebody_looks() -> None:
     def moved(look: bool) -> np.ndarray:
         world = World("two_psm_ecm")
-        loop = Loop(world, tick_s=0.005)  # at full speed it would be over before a picture is drawn
+        # at full speed it would be over before a picture is drawn
+        loop = Loop(world, tick_s=0.005, speed="realtime" if look else "max")
         pictures, looker = drawn(loop, 200.0), Looker()
         if look:
             pictures.add(looker)

@@ -128,7 +128,7 @@ def test_images_come_in_simulated_time_the_same_each_time(
 
 def test_images_come_beside_the_wall_clock(tmp_path: Path):
     flow = Live(World("ecm"), draw=lambda loop: Pictures(loop, FakeRenderer), camera_rate_hz=10.0)
-    assert run_script(script_of(tmp_path, 4.0), (), flow, 60.0).status == 0
+    assert run_script(script_of(tmp_path, 2.0), (), flow, 60.0).status == 0
 
 
 def test_images_change_no_motion(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

@@ -318,8 +318,11 @@
     const info = window.__viserTestpoints?.rendererInfo;
     return Boolean(info) && info.render.triangles > 500;
   }
+  // A picture in full screen is part of the layout, which another width would build anew without it.
+  let width = innerWidth;
   function report(rate) {
-    send({ width: innerWidth, software, frames: rate, drawn: drawn(), query });
+    if (!document.fullscreenElement) width = innerWidth;
+    send({ width, software, frames: rate, drawn: drawn(), query });
   }
   function measure() {
     const now = performance.now(), count = frames(), span = (now - window_.at) / 1000;

@@ -255,13 +255,13 @@ def say(**values: Any) -> None:
     sys.stdout.flush()
 
 
-def until(done: Callable[[], bool]) -> bool:
+def until(done: Callable[[], bool]) -> None:
+    """Wait for a condition; raise TimeoutError where it does not come."""
     end = time.monotonic() + PATIENCE_S
-    while time.monotonic() < end:
-        if done():
-            return True
+    while not done():
+        if time.monotonic() > end:
+            raise TimeoutError
         time.sleep(0.01)
-    return False
 
 
 def header() -> Header:
@@ -299,7 +299,7 @@ def listen(participant: DomainParticipant) -> None:
 def drive(participant: DomainParticipant) -> None:
     """Switch off and on, home and move in one burst; tell how the state of the arm changed."""
     topic = Topic(participant, "rt/PSM1/operating_state", OperatingState)
-    state = DataReader(participant, topic, VOLATILE)
+    state = DataReader(participant, topic, LATCHED)
     topic = Topic(participant, "rt/PSM1/state_command", StringStamped)
     orders = DataWriter(participant, topic, LATCHED)
     moves = DataWriter(participant, Topic(participant, "rt/PSM1/move_jp", JointState), VOLATILE)
@@ -308,7 +308,8 @@ def drive(participant: DomainParticipant) -> None:
     )
     say(ready=True)
     until(lambda: bool(orders.get_matched_subscriptions() and moves.get_matched_subscriptions()))
-    until(lambda: bool(state.take(100)))  # it comes each second; the simulator knows us by then
+    until(lambda: bool(joints.take(100)))  # the simulator has matched the last of our ends
+    until(lambda: bool(state.take(100)))  # the state before the orders
     goal = [0.2, -0.1, 0.11, 0.3, 0.0, 0.0]
     for order in ("disable", "unhome", "enable", "home"):
         orders.write(StringStamped(header(), order))
@@ -321,9 +322,10 @@ def drive(participant: DomainParticipant) -> None:
         for sample in joints.take(100):
             last[:] = sample.position
         near = last and max(abs(a - b) for a, b in zip(last, goal, strict=True)) < 0.01
-        return bool(near) and not seen[-1][2]
+        return bool(near and seen) and not seen[-1][2]
 
-    say(arrived=until(arrived), seen=seen, position=last)
+    until(arrived)
+    say(seen=seen)
 
 
 def calls(

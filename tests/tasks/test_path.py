@@ -45,17 +45,23 @@ def test_a_task_is_made_without_a_call_for_each_pair_of_shapes(scene: str) -> No
     assert len(calls_of(lambda: make_task(scene))) <= MOST_MAKING[scene]
 
 
-def test_what_no_joints_reach_is_found_out_once() -> None:
+def test_what_keeps_an_arm_from_a_pose_is_found_out_when_it_is_read() -> None:
     task = make_task("needle-reach")
     away = np.array([0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 0.5])
     for _ in range(25):
         task.command(away)
-    reason = task.controller.stalls["PSM1"]
-    assert reason.startswith("pose out of reach")
-    q = task.controller.setpoints(away)[0]["PSM1"][0]
+    controller = task.controller
+    q = controller.setpoints(away)[0]["PSM1"][0]
     calls = calls_of(lambda: task.command(away))
-    assert "nearest_rcm_arm" not in {call.function for call in calls}
-    assert task.controller.stalls["PSM1"] == reason
-    np.testing.assert_array_equal(task.controller.setpoints(away)[0]["PSM1"][0], q)
+    assert "inverse_rcm_arm" not in {call.function for call in calls}
+    assert controller.stays("PSM1")
+    reason = controller.stalls["PSM1"]
+    assert reason.startswith("pose out of reach: ")
+    task.command(away)
+    calls = calls_of(lambda: controller.stalls)
+    assert "inverse_rcm_arm" not in {call.function for call in calls}  # as before
+    assert controller.stalls["PSM1"] == reason
+    np.testing.assert_array_equal(controller.setpoints(away)[0]["PSM1"][0], q)
     task.command(-away)
-    assert not task.controller.stalls["PSM1"]
+    assert not controller.stays("PSM1")
+    assert not controller.stalls["PSM1"]

@@ -51,6 +51,8 @@ class JointAxes:
 #: A closed-form inverse: T_0_last (4, 4), limits (n,) twice, seed (n,) or None to (k, n); that of a
 #: gimbal arm takes `platform_angle`, too.
 Solver = Callable[..., Array]
+#: From T_0_last (4, 4), limits and a seed to the nearest solution, () without one; None where only
+#: a `Solver` can decide.
 Nearest = Callable[[Array, Limits, Sequence[float]], tuple[float, ...] | None]
 #: The same of many poses (n, 4, 4) with as many seeds, and which are undetermined.
 NearestMany = Callable[[Array, Limits, Array], tuple[Array, NDArray[np.bool_]]]

@@ -155,7 +155,7 @@ def nearest_solution(
     ends = chain_ends(mechanism, structure)
     if ends.nearest is not None:
         found = ends.nearest(ends.before.dot(T).dot(ends.after), ends.limits, seed.tolist())
-        if found is not None:
+        if found:
             return np.array(found)
     platform = float(seed[PLATFORM]) if structure == "gimbal_arm" else None
     return inverse_kinematics(mechanism, structure, T, seed, platform_angle=platform)[0]
@@ -209,7 +209,7 @@ def nearest_start(mechanism: Mechanism, structure: str, T: Array, seed: Array) -
     if structure == "rcm_scope":
         in_chain = _pointed_at_centre(in_chain)
     found = fit.chain.nearest(in_chain, ends.wider, seed.tolist())
-    return None if found is None else np.array(found)
+    return np.array(found) if found else None
 
 
 @dataclass(frozen=True, eq=False)

@@ -191,8 +191,8 @@ def nearest_rcm_arm(
         seed: six numbers [rad, insertion m]
 
     Returns:
-        six numbers; None where there is no solution, or joints are not determined:
-        `inverse_rcm_arm` then says why
+        six numbers; () where there is no solution, for reasons that `inverse_rcm_arm` has; None
+        where joints of a branch are not determined, which is left to it
     """
     (a00, _, a02, px), (a10, _, a12, py), (a20, _, a22, pz), _ = T.tolist()
     along = px * a02 + py * a12 + pz * a22
@@ -207,7 +207,7 @@ def nearest_rcm_arm(
     near1, near2, _, near4, near5, near6 = seed
     (low1, high1), (low2, high2) = limits[:2]
     upright, narrow = _acute(limits[1]), _acute(limits[5])
-    found: tuple[float, ...] | None = None
+    found: tuple[float, ...] = ()
     for sign in (1.0, -1.0):
         bx, by, bz = sign * cx, sign * cy, sign * cz  # x5
         wx, wy, wz = px - wrist_length * bx, py - wrist_length * by, pz - wrist_length * bz
@@ -260,7 +260,7 @@ def nearest_rcm_arm(
                     if q4 is None:
                         continue
                 q = (q1, q2, min(max(q3, low3), high3), q4, q5, q6)
-                if found is None:
+                if not found:
                     found = q
                     continue
                 far = distance_from(seed, q, limits)

@@ -164,7 +164,7 @@ def _nearby(mechanism: Mechanism, structure: str, T: Array, start: Array) -> Arr
     low, high = limits[WRIST_PITCH]
     limits[WRIST_PITCH] = max(low, -WRIST_PITCH_MOST), min(high, WRIST_PITCH_MOST)
     nearest = chain.nearest(ends.before.dot(T).dot(ends.after), limits, seed)
-    if nearest is None or abs(nearest[INSERTION] + chain.depth) < WRIST_AT_CENTRE:
+    if not nearest or abs(nearest[INSERTION] + chain.depth) < WRIST_AT_CENTRE:
         return None
     return np.array(nearest)
 

@@ -94,7 +94,7 @@ def read_task(task: Task) -> SceneReadings:
         objects={name: placed[None, row] for name, row in rows.items() if name not in hidden},
         held={n: np.array([rows.get(referee.held.get(n, ""), NOTHING)]) for n in psms},
         names=states.names,
-        stalled={name: np.array([bool(controller.stalls.get(name))]) for name in psms},
+        stalled={name: np.array([controller.stays(name)]) for name in psms},
         goals=np.array(goals).reshape(1, -1, 3),
         achieved=np.array(achieved).reshape(1, -1, 3),
         met=np.array(met, np.bool_).reshape(1, -1),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import acos, hypot, inf, sqrt
@@ -110,7 +111,7 @@ class Jaws(NamedTuple):
 
     arm: str
     bodies: tuple[int, int]
-    welds: Index
+    welds: list[int]
 
 
 class Grasps(Part):
@@ -434,8 +435,8 @@ class Grasps(Part):
         rows: list[int] = []
         for c in contacts:
             rows += range(firsts[c], firsts[c] + sizes[c])
-        if data.eq_active[weld := int(self._jaws[row].welds[hold.object])]:
-            first = int(data.efc_id[: data.ne].searchsorted(weld))  # equalities first, in order
+        if data.eq_active[weld := self._jaws[row].welds[hold.object]]:
+            first = bisect_left(data.efc_id[: data.ne].tolist(), weld)  # equalities first, in order
             rows += range(first, first + WELD_ROWS)
         jacobian = data.efc_J.reshape(-1, self._model.nv).take(rows, axis=0)
         push = data.efc_force.take(rows).dot(jacobian[:, self._dofs[hold.object]])
@@ -443,9 +444,9 @@ class Grasps(Part):
         turn = facing.dot(hold.axes)
         x, y, z = (origins[finger] + facing.dot(hold.centre) - origins[body]).tolist()
         fx, fy, fz = push[:3].tolist()
-        torque = self._axes[body].dot(push[3:])
-        torque -= (y * fz - z * fy, z * fx - x * fz, x * fy - y * fx)
-        force, torque = push[:3].dot(turn).tolist(), torque.dot(turn).tolist()
+        tx, ty, tz = self._axes[body].dot(push[3:]).tolist()
+        about = np.array([tx - (y * fz - z * fy), ty - (z * fx - x * fz), tz - (x * fy - y * fx)])
+        force, torque = push[:3].dot(turn).tolist(), about.dot(turn).tolist()
         both = max(right + max(right + force[2], 0.0), 1e-9)
         sliding = (force[0] ** 2 + force[1] ** 2) / hold.friction**2
         a, b, c = hold.levers.tolist()
@@ -477,7 +478,7 @@ def find_jaws(
         welds = [_equality(model, naming.grasp(arm.name, name)) for name in objects]
         if -1 not in welds:
             sides = [model.body(naming.scoped(arm.name, f)).id for f in arm.arm.fingers]
-            found.append(Jaws(arm.name, (sides[0], sides[1]), np.array(welds)))
+            found.append(Jaws(arm.name, (sides[0], sides[1]), welds))
             mechanism, shut = arm.arm.mechanism, np.zeros(len(arm.arm.joints))
             for body, finger in zip(sides, arm.arm.fingers, strict=True):
                 normal = pose(mechanism, shut, finger, mechanism.tip)[1, :3]  # as in `Pads`

@@ -180,7 +180,8 @@ class Tracking(Part):
         if beyond is None and before:
             moved = setpoint - before[1]
             far = moved.dot(moved) > 0.99 * STEP**2  # quick, and true where any is far
-            if far and abs(moved).max() > STEP:
+            ways: list[float] = moved.tolist() if far else []
+            if max(map(abs, ways), default=0.0) > STEP:  # abs().max() takes 2 us
                 beyond = self._beyond(before[0] - setpoint)
         if beyond is None:
             return

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -40,6 +39,8 @@ LAG = 0.5
 #: Ratio of its greatest velocity that a joint gets which would be too fast. Source: our own choice;
 #: joints do not move in proportion to the tip.
 SLOWED = 0.95
+#: Reason of an arm that stays, until `TipController.stalls` finds the joints that are in the way.
+OUT_OF_REACH = "pose out of reach"
 #: Margin of an endoscope's velocities below its limits, as a ratio. Source: our own choice,
 #: rounding.
 ROUNDING = 1e-9
@@ -73,16 +74,6 @@ class _Driven:
     ends: ChainEnds | None
 
 
-class _Unreached(NamedTuple):
-    """A motion that no joints reach: from a target and joints by a twist, and the reason."""
-
-    target: Array
-    tool: ArmDescription
-    near: list[float]
-    twist: list[float]
-    reason: str
-
-
 class TipController:
     """Turns actions into set-points of arms, and commands these.
 
@@ -100,7 +91,6 @@ class TipController:
         readings: readings of the world and these arms, shared with referee and observation
         limits: least and largest values of an action, (n,) each
         stalled: time for which each arm stayed though an action moves it, {arm: time} [s]
-        stalls: why an arm stays now, {arm: reason}
         bases: pose of the world as a PSM's kinematics report it in the world of actions and
             observations, {arm: (4, 4)}, by the robots' errors of registration; without an entry the
             two are one
@@ -143,12 +133,11 @@ class TipController:
         #: Ratio of the way that the set-points of each row have gone, (rows, 1).
         self._ratios = np.arange(1, self._rows + 1)[:, None] / self._rows
         self._joints: dict[str, Array] = {}
-        #: The last motion out of reach of each PSM that stands in the world: policies repeat it,
-        #: and the reason takes longer to compute than a solution.
-        self._unreached: dict[str, _Unreached] = {}
         self._targets: dict[str, Array] = {}
         self.stalled: dict[str, float] = {}
-        self.stalls: dict[str, str] = {}
+        self._stalls: dict[str, str] = {}
+        #: Poses in the world that no joints reach now, and the joints before them.
+        self._unreached: dict[str, tuple[Array, list[float]]] = {}
         self.bases: dict[str, Array] = {}
         self.registration: dict[str, Array] = {}
 
@@ -157,11 +146,11 @@ class TipController:
         self.register()
         self.resume()
         self.stalled = dict.fromkeys(self.arms, 0.0)
-        self.stalls.clear()
+        self._stalls.clear()
+        self._unreached.clear()
 
     def resume(self) -> None:
         """Hold the arms where they are, as after other commands."""
-        self._unreached.clear()
         for name, driven in self._driven.items():
             self._joints[name] = driven.arm.joints.setpoints()
             if driven.psm:
@@ -263,21 +252,40 @@ class TipController:
         Returns:
             [rad or m]; infinite out of reach
         """
-        near = self._joints[arm][:-1].tolist()
+        near, driven = self._joints[arm][:-1].tolist(), self._driven[arm]
         try:
-            after = self._inverse(self._driven[arm], T, near)
-            return max(abs(a - b) for a, b in zip(after, near, strict=True))
+            after = self._inverse(driven, T, near)
         except (UnreachableError, SingularError):
             return np.inf
+        return max((abs(a - b) for a, b in zip(after, near, strict=False)), default=np.inf)
 
     def reaches(self, arm: str, T: Array) -> bool:
         """Return whether a PSM's tip reaches a pose in the world from its set-points, (4, 4)."""
         driven = self._driven[arm]
+        near = driven.arm.joints.setpoints()[:-1].tolist()
         try:
-            self._inverse(driven, T, driven.arm.joints.setpoints()[:-1].tolist())
+            return bool(self._inverse(driven, T, near))
         except (UnreachableError, SingularError):
             return False
-        return True
+
+    def stays(self, arm: str) -> bool:
+        """Return whether an arm stays now though an action moves it."""
+        return bool(self._stalls.get(arm))
+
+    @property
+    def stalls(self) -> dict[str, str]:
+        """Reason for which each arm stays now, {arm: reason}; "" where it does not.
+
+        The reason of a pose out of reach is found here: it takes longer than a solution.
+        """
+        for name, (T, near) in self._unreached.items():
+            local = self._arm_from_world(self._driven[name]).dot(T)
+            try:
+                self._driven[name].arm.runtime.tip.local_inverse_kinematics(local, np.array(near))
+            except (UnreachableError, SingularError) as problem:
+                self._stalls[name] = str(problem)
+        self._unreached.clear()
+        return self._stalls
 
     def idle(self) -> dict[str, Array]:
         """Return each arm's part of the action that holds it, {arm: (7,) or (4,)}."""
@@ -298,10 +306,11 @@ class TipController:
             return np.clip(after, run.control.lower, run.control.upper)
         q, measured, reason = before.tolist(), self.readings.joints[name].tolist(), ""
         jaw = q[-1]
+        self._unreached.pop(name, None)
         if any(values[:6]):
             reason = self._onward(name, driven, q, measured, values[:6])
             self.stalled[name] += PERIOD_S if reason else 0.0
-        self.stalls[name] = reason
+        self._stalls[name] = reason
         opening = values[6]
         if opening < 0.0:
             opening = max(opening, measured[-1] - GRIP_RAD)
@@ -324,11 +333,6 @@ class TipController:
         """
         joints, reason, now = driven.description.joints, "", q[:-1]
         T, target = self.registration.get(name), self._targets[name]
-        asked = twist
-        if T is None and (failed := self._unreached.get(name)) is not None:
-            same = failed.target is target and failed.tool is driven.arm.runtime.description
-            if same and failed.near == now and failed.twist == asked:
-                return failed.reason
         for _ in range(2):
             goal = target.copy() if T is None else T @ target
             x, y, z, a, b, c = twist
@@ -341,10 +345,10 @@ class TipController:
             try:
                 after = self._inverse(driven, goal, now)
             except (UnreachableError, SingularError) as problem:
-                if T is None and driven.T_arm_world is not None:
-                    tool = driven.arm.runtime.description
-                    self._unreached[name] = _Unreached(target, tool, now, asked, str(problem))
                 return str(problem)
+            if not after:
+                self._unreached[name] = goal, now
+                return OUT_OF_REACH
             worst, fastest = 0.0, 0
             for k, most in enumerate(driven.travels):
                 haste = abs(after[k] - now[k]) / most
@@ -367,14 +371,26 @@ class TipController:
         T = self.registration.get(arm)
         return tip if T is None else T @ tip
 
-    def _inverse(self, driven: _Driven, T: Array, near: list[float]) -> Sequence[float]:
-        """Find a PSM's joints nearest to others, n, with the tip at a pose in the world, n."""
-        own, run, ends = driven.T_arm_world, driven.arm.runtime, driven.ends
+    def _arm_from_world(self, driven: _Driven) -> Array:
+        """Return the pose of the world of actions in a PSM's own frame, (4, 4)."""
+        own, name = driven.T_arm_world, driven.arm.name
         if own is None:
-            own = inverse(self.world.reference_pose(driven.arm.name))
-        registration = self.registration.get(driven.arm.name)
-        if registration is not None:
-            own = own @ inverse(registration)
+            own = inverse(self.world.reference_pose(name))
+        registration = self.registration.get(name)
+        return own if registration is None else own @ inverse(registration)
+
+    def _inverse(self, driven: _Driven, T: Array, near: list[float]) -> Sequence[float]:
+        """Find a PSM's joints nearest to others, n, with the tip at a pose in the world.
+
+        Returns:
+            n joints; () out of reach, for reasons that `stalls` finds
+
+        Raises:
+            UnreachableError, SingularError: out of reach, for this reason
+        """
+        own, run, ends = driven.T_arm_world, driven.arm.runtime, driven.ends
+        if own is None or self.registration:
+            own = self._arm_from_world(driven)
         local = own.dot(T)
         if ends is not None and ends.nearest is not None and run.description is driven.description:
             found = ends.nearest(ends.before.dot(local).dot(ends.after), ends.limits, near)

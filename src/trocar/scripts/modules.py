@@ -17,6 +17,7 @@ from trocar.messages import service_names
 from trocar.messages.types import SECOND
 from trocar.scripts import (
     bags,
+    camera_models,
     crtk_client,
     dvrk_client,
     image_bridge,
@@ -106,6 +107,7 @@ def ros1_modules(node: Node) -> dict[str, ModuleType]:
     poses = {name: getattr(posemath, name) for name in posemath.__all__}
     found = {
         "cv_bridge": _module("cv_bridge", _cv_bridge(1), "Images as arrays."),
+        "image_geometry": camera_model_module(),
         "message_filters": _message_filters(topic, node.flow.now_ns),
         "rosbag": _module(
             "rosbag",
@@ -124,6 +126,12 @@ def ros1_modules(node: Node) -> dict[str, ModuleType]:
     return found
 
 
+def camera_model_module() -> ModuleType:
+    """Return image_geometry."""
+    kinds = (camera_models.PinholeCameraModel, camera_models.StereoCameraModel)
+    return _module("image_geometry", _named(kinds), "Pixels and rays of cameras.")
+
+
 def ros2_modules(ros: Ros2) -> dict[str, ModuleType]:
     """Return {name: module} of what scripts for ROS 2 import beside rclpy."""
     turns = {name: getattr(transformations, name) for name in transformations.__all__}
@@ -136,6 +144,7 @@ def ros2_modules(ros: Ros2) -> dict[str, ModuleType]:
     utilities = _module("rosidl_runtime_py.utilities", {"get_message": get_message}, "Types.")
     found = {
         "cv_bridge": _module("cv_bridge", _cv_bridge(2), "Images as arrays."),
+        "image_geometry": camera_model_module(),
         "message_filters": _message_filters(message_filters.NodeTopicFilter, ros.flow.now_ns),
         "rosbag2_py": _module("rosbag2_py", {**_named(names), **readers}, "Bags."),
         "rosidl_runtime_py": _module("rosidl_runtime_py", {}, "Types of messages."),

@@ -126,7 +126,11 @@ TWO = told((0.0, GOOD), (0.1, GOOD)) + told((0.0, GOOD), (0.1, GOOD), arm="PSM2"
 @pytest.mark.parametrize(
     ("rows", "names", "complaint"),
     [
-        ([(1.0, "/PSM1/setpoint_js", GOOD)], NAMES[:6], "contains no joint states; allowed"),
+        (
+            [(1.0, "/PSM1/setpoint_js", GOOD)],
+            NAMES[:6],
+            "contains no joint states of a PSM; allowed",
+        ),
         (told((1.0, GOOD)), NAMES[:6], "got 1 samples; allowed: 2 or more"),
         (told((1.0, GOOD), (4.0, GOOD)), NAMES[:6], "no two samples follow each other"),
         (told((1.0, GOOD[:3]), (1.1, GOOD[:3])), list("abc"), "got 3 joints"),

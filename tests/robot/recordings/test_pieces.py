@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from trocar.descriptions import load_arm
+from trocar.errors import LogError
 from trocar.robot.follow import ReplaySettings, replay
 from trocar.robot.identification import filtered, read_motion
 from trocar.robot.identification.logs import default_filters
@@ -92,6 +93,48 @@ def test_rows_that_were_cut_out_without_times_are_seen_by_a_jump(tmp_path: Path)
     astray[200, 0] += 0.3
     np.savetxt(path, astray, delimiter=",")
     assert read_arm_motion(path, ECM, ReadSettings(rate_hz=100.0)).starts == (0,)
+
+
+def test_rows_that_were_cut_out_leave_a_jump_that_ends_a_piece_with_times_too(
+    tmp_path: Path,
+) -> None:
+    time, rows = session(400)
+    rows[200:, :4] += 0.5, 0.3, 0.06, 0.0
+    found = read_arm_motion(write(tmp_path / "log.csv", time, rows), ECM)
+    assert found.starts == (0, 200)
+    assert "1 jumps of the joints, 2 pieces" in found.understood()
+    time, rows = session(400)
+    time[200:240] = 2.395 + 1e-5 * np.arange(40)  # stamped in a burst, after a delay
+    found = read_arm_motion(write(tmp_path / "burst.csv", time, rows), ECM)
+    assert found.starts == (0,)
+
+
+def test_an_arm_that_cannot_follow_names_row_time_joint_and_distance(tmp_path: Path) -> None:
+    time, rows = session(400)
+    q = np.zeros((400, 6))
+    q[:, 2] = 0.12
+    q[200:, 3] = 3.0  # slower than what ends a piece
+    path = tmp_path / "roll.csv"
+    header = "time,q1,q2,q3,q4,q5,q6"
+    np.savetxt(path, np.column_stack([time, q]), delimiter=",", header=header, comments="")
+    fault = r"row 202: roll moves by 3 rad in 0\.01 s, at t = 2\.000 s, and the arm cannot follow"
+    with pytest.raises(LogError, match=fault + ": FAULT: tracking error of roll"):
+        replay(path, "psm")
+    rows[200:, 2] += 0.01
+    rows[200, 6] = 9.0
+    speed = (
+        r"row 202: insertion moves by 0\.0\d+ m in 0\.01 s, at t = 2\.000 s, .*: at 9 m/s; allowed"
+    )
+    with pytest.raises(LogError, match=speed):
+        replay(write(tmp_path / "log.csv", time, rows), "ecm")
+
+
+def test_waypoints_seconds_apart_are_one_motion(tmp_path: Path) -> None:
+    time, rows = session(12, 0.5)
+    path = write(tmp_path / "log.csv", time, 0.0 * rows)
+    how = ReadSettings(columns=("time=0[s]", "position=1:5"))
+    report = replay(path, "ecm", ReplaySettings(reading=how))
+    assert (report.pieces, report.rate_hz, report.samples) == (1, 1.0, 23)
 
 
 def test_each_piece_of_a_log_is_filtered_by_itself(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 from collections.abc import Callable, Sequence
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -570,3 +571,32 @@ def test_a_file_of_words_alone_holds_no_numbers(tmp_path: Path) -> None:
     (tmp_path / "log.jsonl").write_text('{"t": 0, "q": "a"}\n{"t": 1, "q": "b"}\n')
     with pytest.raises(LogError, match="holds no rows of numbers"):
         read_arm_motion(tmp_path / "log.jsonl", PSM)
+
+
+@pytest.mark.parametrize("form", [
+    "%Y-%m-%dT%H:%M:%S.%fZ", "%Y-%m-%d %H:%M:%S.%f", "%Y/%m/%d/%H:%M:%S.%f", "%d-%b-%Y %H:%M:%S.%f",
+    "%m/%d/%Y %H:%M:%S.%f", "%H:%M:%S.%f",
+])  # fmt: skip
+@pytest.mark.parametrize("head", ["time", "Recorded at"])
+def test_dates_are_times(tmp_path: Path, form: str, head: str) -> None:
+    """Rows of 10 s at 30 Hz, and those of one each two seconds."""
+    for step in (1.0 / 30.0, 2.0):
+        _, q, _ = motion(30.0, 300)
+        begin = datetime(2026, 5, 1, 12, 0, 0, 500, UTC)
+        lines = [",".join([head, *(f"q{k}" for k in range(1, 8))])]
+        for k, row in enumerate(q):
+            when = (begin + timedelta(seconds=k * step)).strftime(form)
+            lines.append(",".join([when, *map(str, row)]))
+        path = tmp_path / "log.csv"
+        path.write_text("\n".join(lines))
+        found = read_arm_motion(path, PSM)
+        assert found.rate_hz == pytest.approx(1.0 / step, rel=1e-4)
+        assert found.times[-1] - found.times[0] == pytest.approx(299 * step, abs=1e-5)
+        np.testing.assert_allclose(found.rows[:, 0], q, atol=1e-9)
+
+
+def test_a_date_that_is_none_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("time,q1,q2,q3,q4,q5,q6,q7\n" + "12:99:00.0,0,0,0.1,0,0,0,0\n" * 3)
+    with pytest.raises(LogError, match=r"row 2: time: got '12:99:00\.0'; allowed: a number"):
+        read_arm_motion(path, PSM, ReadSettings(columns=("time=0", "position=1:8")))

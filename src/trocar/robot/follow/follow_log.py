@@ -18,6 +18,8 @@ from trocar.errors import InputError, LogError
 from trocar.robot.recordings import ArmMotion, ReadSettings, read_arm_motion, recorded_joints
 from trocar.robot.standing import standing_arm
 from trocar.simulation import World
+from trocar.simulation.journal import Entry
+from trocar.simulation.setpoint_table import fastest
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
@@ -30,6 +32,9 @@ MOST_PERIODS = 1000
 #: Largest relative distance of a sample's time from whole physics steps that is rounded; others are
 #: resampled faster. Source: our own choice.
 ROUNDED = 0.02
+#: Time before a FAULT in which the step that led to it is looked for [s]. Source: our own choice,
+#: an arm with the dVRK's gains has settled by then.
+BEFORE_FAULT_S = 0.5
 
 
 @dataclass(frozen=True)
@@ -111,7 +116,7 @@ def replay(
         progress: called with (rows done, rows) now and then
 
     Raises:
-        LogError: the recording cannot be used; file and row are named
+        LogError: the recording cannot be used, or the arm cannot follow it; file and row are named
         UnknownNameError, DescriptionError: the arm
         InputError: a setting
         DivergedError: the simulation left the finite numbers
@@ -131,22 +136,29 @@ def replay(
     motion = read_arm_motion(log, described, how.reading)
     if how.mode == "effort" and not motion.has_efforts:
         raise LogError(str(log), "contains no efforts; allowed: mode position")
-    rate = how.reading.rate_hz or motion.rate_hz
+    slowest = 1.0 / (world.timestep * MOST_PERIODS)
+    rate = how.reading.rate_hz or max(motion.rate_hz, slowest)
     periods = _periods(rate, world.timestep)
     rate = 1.0 / (periods * world.timestep)
     restart = _restart(how, rate)
-    tables = [one.at_rate(rate).rows for one in motion.pieces()]
-    tables = [table for table in tables if len(table) > 1]
-    total = sum(map(len, tables))
-    if not tables:
+    played = [one.at_rate(rate) for one in motion.pieces()]
+    played = [one for one in played if len(one.times) > 1]
+    total = sum(len(one.times) for one in played)
+    if not played:
         raise LogError(str(log), f"lasts less than {1.0 / rate:g} s; allowed: 2 rows or more")
     piece_rows = max(1, PIECE_PERIODS // periods)
     run = _Run(world, described, rig.arms[0].name, how.mode, periods)
-    for table in tables:
+    for one in played:
+        _check_speeds(one, described)
+    for one in played:
         run.begin()
-        rows = (table[k : k + piece_rows] for k in range(0, len(table), piece_rows))
+        done = 0
+        rows = (one.rows[k : k + piece_rows] for k in range(0, len(one.rows), piece_rows))
         for piece, fresh in pieces(rows, restart):
-            run.play(piece, fresh)
+            failed = run.play(piece, fresh)
+            if failed is not None:
+                raise _fault(one, described, done + failed, run.faults[0].values["text"])
+            done += len(piece) - 1
             if progress is not None:
                 progress(run.samples, total)
     return run.report(motion, rate)
@@ -193,6 +205,8 @@ class _Run:
         self.joints = recorded_joints(arm)
         self.samples, self.clipped, self.begun = 0, 0, 0
         self._first = True
+        self.faults: list[Entry] = []  # of the arm
+        world.listen(self._hear)
         self.sums = np.zeros((3, len(self.joints)))  # of position and effort errors, of efforts
         if mode == "effort":
             world.arm(name).joints.set_mode("effort")
@@ -202,8 +216,12 @@ class _Run:
         """Begin a piece of the recording, whose first row is not compared."""
         self.samples, self.begun, self._first = self.samples + 1, self.begun + 1, True
 
-    def play(self, rows: Array, fresh: bool) -> None:
-        """Play rows (k + 1, 3, n) from the first on, restarting there when `fresh`."""
+    def play(self, rows: Array, fresh: bool) -> int | None:
+        """Play rows (k + 1, 3, n) from the first on, restarting there when `fresh`.
+
+        Returns:
+            the row at which the arm went into FAULT, None where it did not
+        """
         count = len(self.joints)
         lower, upper = self.arm.mechanism.lower[:count], self.arm.mechanism.upper[:count]
         beyond = (rows[:, 0] < lower) | (rows[:, 0] > upper)
@@ -217,13 +235,21 @@ class _Run:
         if fresh:
             self.world.set_state(self.name, start[0], start[1])
         q, v, effort = ({self.name: driven[:, k]} for k in range(3))
+        began = self.world.time
         played = self.world.play(q, v, effort, every=1)
+        if self.faults:
+            return 1 + int((self.faults[0].time - began) / self.world.timestep) // self.periods
         position = played.positions[self.name][self.periods - 1 :: self.periods, :count]
         exerted = self._mean(played.efforts[self.name][:, :count])
         recorded = self._mean(fine[:, 2])
         errors = position - rows[1:, 0], exerted - recorded, recorded
         self.sums += [(error**2).sum(axis=0) for error in errors]
         self.samples += len(rows) - 1
+        return None
+
+    def _hear(self, entry: Entry) -> None:
+        if entry.kind == "event" and entry.name == "error" and entry.source == self.name:
+            self.faults.append(entry)
 
     def _whole(self, rows: Array) -> Array:
         """Return rows of all joints: those that were not recorded stay at their upper limit."""
@@ -261,6 +287,54 @@ class _Run:
         return dict(zip(self.joints, values, strict=True))
 
 
+def _check_speeds(motion: ArmMotion, arm: ArmDescription) -> None:
+    """Check that a piece, of one rate, is no faster than an arm may be driven.
+
+    Raises:
+        LogError: it is; row, time, joint and distance are named
+    """
+    most = fastest(arm)[: motion.rows.shape[2]]
+    ratios = np.abs(motion.rows[:, 1]) / most
+    if (ratios > 1.0).any():
+        row = int(np.argmax((ratios > 1.0).any(axis=1)))
+        k = int(np.argmax(ratios[row]))
+        unit = "m" if arm.joints[k].kind == "prismatic" else "rad"
+        raise _too_far(
+            motion,
+            arm,
+            max(row - 1, 0),
+            row + 2,
+            k,
+            f"at {ratios[row, k] * most[k]:.3g} {unit}/s; allowed: {most[k]:.3g} {unit}/s",
+        )
+
+
+def _fault(motion: ArmMotion, arm: ArmDescription, row: int, reason: str) -> LogError:
+    """Return the error of an arm that went into FAULT at a row of a piece."""
+    first = max(row - round(BEFORE_FAULT_S * motion.rate_hz), 0)
+    q = motion.rows[:, 0]
+    spans = (arm.mechanism.upper - arm.mechanism.lower)[: q.shape[1]]
+    steps = np.abs(np.diff(q[first : row + 1], axis=0)).max(axis=0) / spans
+    return _too_far(motion, arm, first, row + 1, int(np.argmax(steps)), f"FAULT: {reason}")
+
+
+def _too_far(
+    motion: ArmMotion, arm: ArmDescription, first: int, last: int, joint: int, reason: str
+) -> LogError:
+    """Return the error of a joint's largest step in rows of a piece, `last` left out."""
+    q = motion.rows[first:last, 0, joint]
+    row = first + 1 + int(np.argmax(np.abs(np.diff(q))))
+    unit = "m" if arm.joints[joint].kind == "prismatic" else "rad"
+    moved = motion.rows[row, 0, joint] - motion.rows[row - 1, 0, joint]
+    return LogError(
+        motion.file,
+        f"{arm.joints[joint].name} moves by {moved:.3g} {unit} in"
+        f" {motion.times[row] - motion.times[row - 1]:.3g} s, at t = {motion.times[row]:.3f} s, and"
+        f" the arm cannot follow: {reason}",
+        int(motion.numbers[row]),
+    )
+
+
 def _periods(rate_hz: float, timestep_s: float) -> int:
     """Compute the physics steps of a sample: the nearest whole number, or the one below."""
     periods = 1.0 / (rate_hz * timestep_s) if rate_hz > 0.0 else 0.0
@@ -278,6 +352,8 @@ def _restart(settings: ReplaySettings, rate_hz: float) -> int:
     if settings.mode not in ("position", "effort"):
         raise InputError(f"mode: got {settings.mode!r}; allowed: position, effort")
     least = 1.0 / rate_hz
+    if settings.mode != "effort":  # in which nothing restarts
+        least = min(least, settings.window_s) if settings.window_s > 0.0 else least
     if not np.isfinite(settings.window_s) or settings.window_s < least * (1.0 - 1e-9):
         raise InputError(f"window: got {settings.window_s!r} s; allowed: {least:g} s or more")
     return round(settings.window_s * rate_hz) if settings.mode == "effort" else sys.maxsize

@@ -226,7 +226,7 @@ def read_motion(
     columns, matrix, starts, understood = joints, np.eye(len(joints)), (0,), ""
     if kind == "poses":
         rows = _pose_rows(path, arm)
-        check_rows(file, 1, rows, arm)
+        check_rows(file, np.arange(1, len(rows) + 1), rows, arm)
         return Log(file, USUAL_HZ, *_parts(rows), columns, matrix, up=stands, poses=True)
     if kind == "recording":
         rows, rate_hz, recorded_up = _own_rows(file, arm, name or how.of or "")
@@ -244,7 +244,7 @@ def read_motion(
             columns = tuple(
                 f"motor_{k + 1}" if k in which else name for k, name in enumerate(joints)
             )
-    check_rows(file, 1, rows, arm)
+    check_rows(file, np.arange(1, len(rows) + 1), rows, arm)
     if len(rows) < SHORTEST_S * rate_hz:
         raise LogError(
             file, f"lasts {len(rows) / rate_hz:.3g} s; allowed: {SHORTEST_S:g} s or more"

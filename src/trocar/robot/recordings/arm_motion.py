@@ -15,8 +15,9 @@ Array = NDArray[np.float64]
 
 #: The parts of a row, each of every joint.
 QUANTITIES = ("positions", "velocities", "efforts")
-#: Longest gap between samples that is interpolated [s]. Source: our own choice.
-LONGEST_GAP_S = 1.0
+#: Longest gap between samples that is interpolated [s, usual steps]: the longer one of both.
+#: Source: our own choice.
+LONGEST_GAP_S, LONGEST_GAP_STEPS = 1.0, 3.0
 #: Largest position beyond a limit [joint ranges], velocity [per s] and effort [N m or N] of a log
 #: of an arm. Source: our own choice, ten times those of the arms.
 MOST_RANGES_BEYOND = 1.0
@@ -50,6 +51,7 @@ class ArmMotion:
         rows: positions, velocities, efforts, (k, 3, n) [rad or m, per s, N m or N]; zeros stand for
             what was not recorded
         recorded: joints that each of the three was recorded of
+        numbers: of the samples in the file, from 1, (k,)
         starts: samples at which a piece begins, the first one is 0
         timed: whether the times are the file's own, not a rate's
         notes: what was left out or assumed
@@ -61,6 +63,7 @@ class ArmMotion:
     times: Array
     rows: Array
     recorded: tuple[frozenset[str], frozenset[str], frozenset[str]]
+    numbers: NDArray[np.int64]
     starts: tuple[int, ...] = (0,)
     timed: bool = True
     notes: tuple[str, ...] = ()
@@ -81,8 +84,13 @@ class ArmMotion:
     def pieces(self) -> Iterator[ArmMotion]:
         """Yield the pieces, of one start each."""
         for first, last in zip(self.starts, (*self.starts[1:], len(self.times)), strict=True):
+            piece = slice(first, last)
             yield replace(
-                self, times=self.times[first:last], rows=self.rows[first:last], starts=(0,)
+                self,
+                times=self.times[piece],
+                rows=self.rows[piece],
+                numbers=self.numbers[piece],
+                starts=(0,),
             )
 
     def cut_at(self, longest_gap_s: float) -> ArmMotion:
@@ -92,6 +100,8 @@ class ArmMotion:
 
     def at_rate(self, rate_hz: float) -> ArmMotion:
         """Return the samples of a motion of one piece at even times, filled in evenly.
+
+        Each has the number of the recorded sample at or after it.
 
         Args:
             rate_hz: samples a second [Hz]
@@ -107,7 +117,14 @@ class ArmMotion:
         filled = np.zeros((count, flat.shape[1]))
         for k in range(flat.shape[1]):
             filled[:, k] = np.interp(even, self.times, flat[:, k])
-        return replace(self, times=even, rows=filled.reshape(count, *self.rows.shape[1:]))
+        after = np.zeros(count, np.int64)
+        after[:] = np.searchsorted(self.times, even - 1e-6)
+        return replace(
+            self,
+            times=even,
+            rows=filled.reshape(count, *self.rows.shape[1:]),
+            numbers=self.numbers[np.minimum(after, len(self.times) - 1)],
+        )
 
     def understood(self) -> str:
         """Describe the motion in a sentence: "PSM1: 6 joints at 30.0 Hz, no efforts"."""
@@ -129,16 +146,13 @@ class ArmMotion:
         return f"{self.label or self.file}: {', '.join(words)}"
 
 
-def checked_motion(
-    motion: ArmMotion, arm: ArmDescription, rate_given: bool, first: int = 1
-) -> ArmMotion:
+def checked_motion(motion: ArmMotion, arm: ArmDescription, rate_given: bool) -> ArmMotion:
     """Cut a motion where its time or its joints jump, and fill in velocities.
 
     Args:
         motion: as it is in the file, of one piece
         arm: the recorded arm
         rate_given: whether the rate was given, by the user or by times in the file
-        first: number of the first row in the file, for errors
 
     Raises:
         LogError: fewer than two samples, numbers that this arm cannot have had, or a wrong rate
@@ -148,13 +162,13 @@ def checked_motion(
         what = "sample" if motion.timed else "row"
         got = f"got {count} {what}{'s' * (count != 1)}" if count else "is empty"
         raise LogError(motion.file, f"{got}; allowed: 2 {what}s or more")
-    check_rows(motion.file, first, motion.rows, arm)
+    check_rows(motion.file, motion.numbers, motion.rows, arm)
     motion = _with_velocities(_cut(motion, arm))
     return _with_rate_checked(motion, arm, rate_given)
 
 
-def check_rows(file: str, first: int, chunk: Array, arm: ArmDescription) -> None:
-    """Check that rows (k, 3, n) are what this arm can have done; `first` is the first one's number.
+def check_rows(file: str, numbers: NDArray[np.int64], chunk: Array, arm: ArmDescription) -> None:
+    """Check that rows (k, 3, n), of these numbers in the file, are what this arm can have done.
 
     Raises:
         LogError: they are not; file, row and joint are named
@@ -174,7 +188,7 @@ def check_rows(file: str, first: int, chunk: Array, arm: ArmDescription) -> None
             f" got {chunk[row, quantity, joint]:.6g};"
             f" allowed: {least[quantity, joint]:.6g} to {most[quantity, joint]:.6g}"
             f" (is this a recording of a {arm.name}?{_other_unit(chunk, arm)})",
-            first + row,
+            int(numbers[row]),
         )
 
 
@@ -203,39 +217,48 @@ def derivative(values: Array, rate_hz: float) -> Array:
 
 def _cut(motion: ArmMotion, arm: ArmDescription) -> ArmMotion:
     """Cut a motion at pauses, at times that go back, and at jumps of the joints."""
-    times, rows = motion.times, motion.rows
+    times, rows, numbers = motion.times, motion.rows, motion.numbers
     notes = list(motion.notes)
     steps = np.diff(times)
     again = np.flatnonzero(steps == 0.0) + 1
     if len(again):
         times, rows = np.delete(times, again), np.delete(rows, again, axis=0)
+        numbers = np.delete(numbers, again)
         notes.append(f"{len(again)} samples repeat a time and were left out")
         steps = np.diff(times)
     if len(times) < 2:
         raise LogError(motion.file, "got 1 sample; allowed: 2 samples or more")
-    lost = int((steps > 1.5 * np.median(steps)).sum()) if motion.timed else 0
-    breaks = (steps < 0.0) | (steps > LONGEST_GAP_S)
-    if not motion.timed:
-        breaks |= _jumps(rows, steps, arm)
+    usual = float(np.median(steps))
+    longest = max(LONGEST_GAP_S, LONGEST_GAP_STEPS * usual if len(steps) > 2 else 0.0)
+    lost = int((steps > 1.5 * usual).sum()) if motion.timed else 0
+    jumps = _jumps(rows, steps, arm)
+    if motion.timed:  # samples stamped in bursts are no jumps
+        jumps &= steps > 0.5 * usual
+    breaks = (steps < 0.0) | (steps > longest) | jumps
     starts = [0, *(np.flatnonzero(breaks) + 1).tolist()]
     # A piece of a single sample is a stamp that went astray.
     ends = [*starts[1:], len(times)]
     keep = [(a, b) for a, b in zip(starts, ends, strict=True) if b - a > 1]
     if not keep:
-        raise LogError(motion.file, "no two samples follow each other within a second")
+        raise LogError(motion.file, f"no two samples follow each other within {longest:.3g} s")
     astray = len(times) - sum(b - a for a, b in keep)
     if astray:
         notes.append(f"{astray} samples of times apart from all others were left out")
         kept = np.concatenate([np.arange(a, b) for a, b in keep])
-        times, rows = times[kept], rows[kept]
-        steps = np.diff(times)
+        times, rows, numbers = times[kept], rows[kept], numbers[kept]
+        steps, jumps = np.diff(times), _jumps(rows, np.diff(times), arm)
         ends = np.cumsum([b - a for a, b in keep]).tolist()
         starts = [0]
         for end in ends[:-1]:
-            if not 0.0 < steps[end - 1] <= LONGEST_GAP_S:
+            if not 0.0 < steps[end - 1] <= longest or jumps[end - 1]:
                 starts.append(end)
-    paused = [float(steps[start - 1]) for start in starts[1:]]
-    lost -= sum(pause > LONGEST_GAP_S for pause in paused)
+    jumped = int(sum(jumps[start - 1] and 0.0 < steps[start - 1] <= longest
+                     for start in starts[1:]))  # fmt: skip
+    if jumped and motion.timed:
+        notes.append(f"{jumped} jumps of the joints")
+    paused = [float(steps[start - 1]) for start in starts[1:]
+              if not 0.0 < steps[start - 1] <= longest]  # fmt: skip
+    lost -= sum(pause > longest for pause in paused)
     if lost > 0:
         notes.append(f"{lost} gaps of lost samples filled in")
     if paused and motion.timed:
@@ -245,7 +268,9 @@ def _cut(motion: ArmMotion, arm: ArmDescription) -> ArmMotion:
             notes.append(f"pauses of up to {most:.3g} s")
         if back:
             notes.append(f"the clock goes back {back} times")
-    return replace(motion, times=times, rows=rows, starts=tuple(starts), notes=tuple(notes))
+    return replace(
+        motion, times=times, rows=rows, numbers=numbers, starts=tuple(starts), notes=tuple(notes)
+    )
 
 
 def _jumps(rows: Array, steps: Array, arm: ArmDescription) -> NDArray[np.bool_]:

@@ -350,11 +350,12 @@ def _motion_of(
         times[known],
         rows[known],
         (frozenset(recorded[0]), frozenset(recorded[1]), frozenset(recorded[2])),
+        table.rows[known],
         timed=timed,
         notes=tuple(notes),
     )
     given = timed or how.rate_hz is not None
-    return checked_motion(motion, arm, given, int(table.rows[known][0]))
+    return checked_motion(motion, arm, given)
 
 
 def _tips(table: NumberTable, how: ReadSettings, places: ArmPlaces) -> Array:
@@ -435,6 +436,8 @@ def _times(table: NumberTable, place: ScaledColumn | None, how: ReadSettings) ->
         if known:
             column = (stamps or known)[0]
             place = ScaledColumn(column, time_scale(names[column]) or 0.0)
+    if place is None and table.dates:
+        place = ScaledColumn(min(table.dates), 1.0)
     if place is None:
         rate = how.rate_hz or (JIGSAWS_HZ if table.values.shape[1] == JIGSAWS else 0.0)
         if not rate:
@@ -445,7 +448,7 @@ def _times(table: NumberTable, place: ScaledColumn | None, how: ReadSettings) ->
     usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
     if not usual > 0.0 and len(steps):
         raise LogError(table.file, "the times do not rise; name their column, --columns time=NAME")
-    scale = place.scale
+    scale = 1.0 if place.column in table.dates else place.scale
     if not scale:
         units = (1.0, 1e-3, 1e-6, 1e-9)
         fitting = [s for s in units if 1.0 / RATES_HZ[1] < usual * s < 1.0 / RATES_HZ[0]]
@@ -511,10 +514,10 @@ def _bare_motion(table: NumberTable, arm: ArmDescription, how: ReadSettings) -> 
     velocities = known if parts > 1 and rows[:, 1].any() else none
     efforts = known if parts > 2 and rows[:, 2].any() else none
     motion = ArmMotion(
-        table.file, arm.name, joints, times, rows, (known, velocities, efforts),
+        table.file, arm.name, joints, times, rows, (known, velocities, efforts), table.rows,
         timed=timed, notes=table.notes,
     )  # fmt: skip
-    return checked_motion(motion, arm, timed or how.rate_hz is not None, int(table.rows[0]))
+    return checked_motion(motion, arm, timed or how.rate_hz is not None)
 
 
 def _rises(column: Array) -> bool:

@@ -10,6 +10,7 @@ import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TextIO
 
@@ -42,6 +43,13 @@ MOST_BEFORE = 20
 #: Words for a number that was not recorded. Source: pandas, MATLAB and spreadsheets.
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-", "#n/a"})
 COMMENT = "#%/"
+#: Times as dates, beside those of ISO 8601; a time of day alone is on one and the same day. Source:
+#: rosbag to CSV converters, MATLAB's datetime, spreadsheets.
+DATES = (
+    "%Y/%m/%d/%H:%M:%S.%f", "%Y/%m/%d %H:%M:%S.%f", "%d-%b-%Y %H:%M:%S.%f", "%d-%b-%Y %H:%M:%S",
+    "%m/%d/%Y %H:%M:%S.%f", "%d/%m/%Y %H:%M:%S.%f", "%d.%m.%Y %H:%M:%S.%f", "%Y-%m-%d-%H-%M-%S.%f",
+    "%Y%m%d_%H%M%S_%f", "%H:%M:%S.%f",
+)  # fmt: skip
 #: Several numbers in one field: "[0.1, 0.2]". Source: rosbag to CSV converters.
 LIST = re.compile(r"\"?[\[(]\s*([-+.\d][^\])]*)[\])]\"?")
 QUOTED = re.compile(r"\"([^\"]*)\"")
@@ -59,6 +67,7 @@ class NumberTable:
         values: (k, c); NaN where a field is no number
         rows: numbers of the rows in the file, from 1, (k,)
         texts: {column: row and text of its first field that is neither a number nor empty}
+        dates: columns of dates, in s
         holes: {column: row and text of its first field that is empty or not finite}
         notes: rows that were left out
     """
@@ -70,6 +79,7 @@ class NumberTable:
     texts: dict[int, tuple[int, str]] = field(default_factory=dict[int, tuple[int, str]])
     holes: dict[int, tuple[int, str]] = field(default_factory=dict[int, tuple[int, str]])
     notes: tuple[str, ...] = ()
+    dates: frozenset[int] = frozenset()
 
 
 def read_table(path: str | Path, most_rows: int | None = None) -> NumberTable:
@@ -130,6 +140,7 @@ class _Rows:
         self._split: _Splitter | None = None
         self._texts: dict[int, tuple[int, str]] = {}
         self._holes: dict[int, tuple[int, str]] = {}
+        self._dates: dict[int, str] = {}  # formats by column, "" for ISO 8601
         self._short: tuple[int, int] | None = None
         self._blank = self._before = self._again = 0
         self._indexed = False
@@ -150,6 +161,7 @@ class _Rows:
             self._before += len(self.rows) + len(self._heads)
             self.rows, self._numbers, self._heads = [], [], []
             self._texts, self._holes, self._short, self._blank = {}, {}, None, 0
+            self._dates = {}
         if self._blank:
             raise LogError(
                 self.file, "row is blank; allowed: at the end of the file only", self._blank
@@ -210,8 +222,8 @@ class _Rows:
             try:
                 value = float(text)
             except ValueError:
-                value = math.nan
-                if text.lower() not in MISSING:
+                value = self._date(column, text)
+                if math.isnan(value) and text.lower() not in MISSING:
                     self._texts.setdefault(column, (number, text[:40]))
             if not math.isfinite(value):
                 self._holes.setdefault(column, (number, text[:40]))
@@ -219,6 +231,23 @@ class _Rows:
             values.append(value)
         self.rows.append(values)
         self._numbers.append(number)
+
+    def _date(self, column: int, text: str) -> float:
+        """Return a date in s, NaN of other text; a column has the format of its first date."""
+        if text.count(":") < 2 and "_" not in text and text.count("-") < 5:
+            return math.nan
+        known = self._dates.get(column)
+        for form in ("", *DATES) if known is None else (known,):
+            try:
+                if form:
+                    when = datetime.strptime(text, form).replace(tzinfo=UTC)
+                else:
+                    when = datetime.fromisoformat(text)
+            except ValueError:
+                continue
+            self._dates[column] = form
+            return (when if when.tzinfo else when.replace(tzinfo=UTC)).timestamp()
+        return math.nan
 
     def table(self) -> NumberTable:
         """Return the lines as a table.
@@ -249,8 +278,9 @@ class _Rows:
         values = np.array(rows, np.float64) if rows else np.zeros((0, len(header)))
         numbers = np.array(self._numbers, np.int64)
         return NumberTable(
-            self.file, header, values, numbers, self._texts, self._holes, tuple(notes)
-        )
+            self.file, header, values, numbers, self._texts, self._holes, tuple(notes),
+            frozenset(self._dates),
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)

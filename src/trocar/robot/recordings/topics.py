@@ -116,7 +116,8 @@ def read_bag_motion(
                 rows[:, quantity, -1] = np.interp(times, jaw_times, jaw_table[:, quantity, 0])
                 known[quantity].update(joints[-1:] if has else ())
     recorded = frozenset(known[0]), frozenset(known[1]), frozenset(known[2])
-    return ArmMotion(bag.file, arm_of(chosen), joints, times, rows, recorded)
+    numbers = np.arange(1, len(times) + 1)
+    return ArmMotion(bag.file, arm_of(chosen), joints, times, rows, recorded, numbers)
 
 
 def _jaw_topic(bag: Bag, chosen: str, jaw: str | None) -> str | None:
@@ -157,7 +158,7 @@ def _topic(bag: Bag, arm: ArmDescription, topic: str | None, of: str | None) -> 
         others = ", ".join(f"/{t}" for t, kind in bag.topics.items() if kind == JOINT_STATE)
         raise LogError(
             bag.file,
-            f"contains no joint states; allowed: a topic /{arm.type}.../measured_js"
+            f"contains no joint states of a {arm.type}; allowed: a topic /{arm.type}.../measured_js"
             + (f", or one of {others} with --topic" if others else ""),
         )
     suj = [name for name in found if name.upper().split("/")[-3:-2] == ["SUJ"]]

@@ -252,12 +252,12 @@ def _cut(motion: ArmMotion, arm: ArmDescription) -> ArmMotion:
         for end in ends[:-1]:
             if not 0.0 < steps[end - 1] <= longest or jumps[end - 1]:
                 starts.append(end)
-    jumped = int(sum(jumps[start - 1] and 0.0 < steps[start - 1] <= longest
-                     for start in starts[1:]))  # fmt: skip
+    before = np.array(starts[1:], np.int64) - 1
+    timely = (steps[before] > 0.0) & (steps[before] <= longest)
+    jumped = int((jumps[before] & timely).sum())
     if jumped and motion.timed:
         notes.append(f"{jumped} jumps of the joints")
-    paused = [float(steps[start - 1]) for start in starts[1:]
-              if not 0.0 < steps[start - 1] <= longest]  # fmt: skip
+    paused: list[float] = steps[before[~timely]].tolist()
     lost -= sum(pause > longest for pause in paused)
     if lost > 0:
         notes.append(f"{lost} gaps of lost samples filled in")

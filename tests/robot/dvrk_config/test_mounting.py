@@ -17,6 +17,7 @@ from trocar.errors import DescriptionError
 from trocar.kinematics.forward import pose
 from trocar.robot.dvrk_config import import_dvrk
 from trocar.robot.dvrk_config.rig import ImportedRig
+from trocar.simulation import World
 
 DRIVER = "LARGE_NEEDLE_DRIVER:4{}0006"
 
@@ -73,6 +74,15 @@ def test_a_mounting_pitch_that_its_setup_joints_do_not_have_is_noted(tmp_path: P
     right = lab.lab(tmp_path / "right" / "in", "Si", held_at(-0.785398))
     found = import_dvrk(right, tmp_path / "right" / "rig.toml")
     assert not [n for n in found.notes if "psm1.json" in n and "mounting_pitch" in n]
+
+
+def test_compensation_follows_the_mounting_pitch_of_the_file(tmp_path: Path) -> None:
+    found = import_dvrk(lab.lab(tmp_path / "in", "Si", held_at(0.0)), tmp_path / "rig.toml")
+    world = World(found.rig)
+    world.set_state("PSM1", np.array([0.0, 0.0, 0.12, 0.0, 0.0, 0.0, 0.0]))
+    held = world.servos.holding[world.joints.arms["PSM1"].rows][:3]
+    # published by the robot's own software: tests/simulation/test_si_controller.py
+    np.testing.assert_allclose(held, [-0.799593, 3.982526, -6.24897], atol=2e-5)
 
 
 def held_at(pitch: float) -> dict[str, Any]:

@@ -466,8 +466,8 @@ class _SystemReader:
         if abs(lean - pitch) > SAME_LEAN:
             self._notes.append(
                 f"{file.name}: mounting_pitch is {math.degrees(pitch):.1f} degrees, and its setup"
-                f" joints lean by {math.degrees(lean):.1f}; gravity compensation follows the former,"
-                " as the dVRK's does"
+                f" joints lean by {math.degrees(lean):.1f}; gravity compensation follows the former"
+                " here, as on the dVRK"
             )
 
     def _arm_file(self, place: JsonFile[Any], entry: ArmEntry) -> JsonFile[ArmFile]:

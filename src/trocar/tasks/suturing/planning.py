@@ -372,6 +372,14 @@ class TipWorkspace:
             return -joints.get(joint, np.inf), joint
         return max(self.margin(q) for q in found)
 
+    def why_not(self, T: Array) -> str:
+        """Return ": ", which joint a pose brings beyond its limit, and by how much; "" in reach."""
+        try:
+            inverse_kinematics(self._mechanism, self._structure, self._back @ T)
+        except (UnreachableError, SingularError) as problem:
+            return f": {problem}"
+        return ""
+
     def margin(self, q: Array) -> tuple[float, str]:
         """Return the least distance of a turning joint from a limit, and which [rad]."""
         room = np.where(self._turns, np.minimum(q - self._lower, self._upper - q), np.inf)
@@ -401,6 +409,14 @@ class TipWorkspace:
             if room <= least:
                 break
         return room, joint, q
+
+    def count(self, q: Array, poses: Sequence[Array]) -> int:
+        """Return how many of poses the tip gets through from joint positions, without jumps."""
+        for number, T in enumerate(poses):
+            room, _, q = self.through(q, [T])
+            if not np.isfinite(room):
+                return number
+        return len(poses)
 
     def along(self, poses: Sequence[Array]) -> tuple[float, str, Array] | None:
         """Return the way through poses that stays farthest from limits.

@@ -28,7 +28,7 @@ from trocar.outputs import whole_file, write_text
 from trocar.plotting.drawing import PALETTE, new_figure, png
 from trocar.simulation import World
 from trocar.simulation.tissue.tissues import RISE, stitch_points
-from trocar.tasks.suturing.pull import REACH_M, UP, Pull, clear_ways, pulls
+from trocar.tasks.suturing.pull import PULLS, REACH_M, UP, Pull, clear_ways, pulls
 
 Array = NDArray[np.float64]
 
@@ -131,7 +131,12 @@ class Stitch:
         return needle_on_circle(self.wound, x, self.height, self.side, angle - needle.arc)
 
     def pulls(
-        self, taker: TipWorkspace, tissue: Tissue, start: Array, held: Array
+        self,
+        taker: TipWorkspace,
+        tissue: Tissue,
+        start: Array,
+        held: Array,
+        directions: Sequence[tuple[float, float, float]] = PULLS,
     ) -> Iterator[Pull]:
         """Yield pulls of the thread after the stitch, the best first.
 
@@ -140,11 +145,12 @@ class Stitch:
             tissue: that is stitched
             start: pose of its tip in the world where it begins, (4, 4)
             held: the same in the needle's frame, (4, 4)
+            directions: across the wound, up, and towards the arm's own side along it
         """
         x, y, _ = self.wound[:3, :3].T
         aside = x * np.sign(x @ (taker.port - self.wound[:3, 3]))
         axes, free = np.array([self.side * y, UP, aside]), tissue.thread.free
-        ways = clear_ways(start[:3, 3], axes, free, scope_shafts(taker.world))
+        ways = clear_ways(start[:3, 3], axes, free, scope_shafts(taker.world), directions)
         return pulls(start, held, tissue.wire, ways, free)
 
     def angle_of(self, needle: Needle, pose: Array) -> float:

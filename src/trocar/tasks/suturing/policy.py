@@ -27,7 +27,7 @@ from trocar.tasks.suturing.planning import (
     TipWorkspace,
     needle_on_circle,
 )
-from trocar.tasks.suturing.pull import GIVES_M, STEP_M, Pull
+from trocar.tasks.suturing.pull import LAST_PULLS, PULLS, STEP_M, Pull
 from trocar.tasks.task import Task
 
 Array = NDArray[np.float64]
@@ -390,9 +390,6 @@ class Sewing:
     def _best_pull(self, stitch: Stitch, held: Array, blocked: list[Pull]) -> Pull | None:
         """Return the first pull that stays away from limits, else the one that stays farthest.
 
-        Where no pull is in reach to its end, the one that goes farthest, up to there, if that is as
-        far as the thread is long.
-
         Args:
             stitch: after which the thread is pulled
             held: pose of the tip in the needle's frame, (4, 4)
@@ -407,33 +404,29 @@ class Sewing:
         reach, tissue = self.hands[stitch.taker].reach, self.op.tissue.tissue
         start, q = self.task.controller.target(stitch.taker), reach.arm.joints.setpoints()[:-1]
         best: tuple[float, Pull] | None = None
-        short: tuple[float, Pull, Array] | None = None
-        for pull in stitch.pulls(reach, tissue, start, held):
-            if any(np.allclose(pull.way, other.way) for other in blocked):
-                continue
-            if blocked:
-                pull = pull.continuing(blocked[0])
-            poses = pull.poses()
-            room = reach.through(q, poses)[0]
-            if room >= LEAST:
-                return pull
-            if room < 0.0:
-                count = reach.count(q, poses)
-                missing = pull.length - STEP_M * max(0, count - 1)
-                if short is None or missing < short[0]:
-                    short = missing, pull, poses[count]
-            elif best is None or room > best[0]:
-                best = room, pull
-        if best is not None or short is None:
-            return None if best is None else best[1]
-        missing, pull, beyond = short
-        length = pull.length - missing
-        if missing > GIVES_M:
-            raise StitchError(
-                f"{stitch.taker} does not reach the end of the pull, {1e3 * length:.0f} of"
-                f" {1e3 * pull.length:.0f} mm{reach.why_not(beyond)}"
-            )
-        return replace(pull, length=length)
+        far, why = -np.inf, ""
+        for directions in (PULLS, LAST_PULLS):
+            for pull in stitch.pulls(reach, tissue, start, held, directions):
+                if any(np.allclose(pull.way, other.way) for other in blocked):
+                    continue
+                if blocked:
+                    pull = pull.continuing(blocked[0])
+                poses = pull.poses()
+                room = reach.through(q, poses)[0]
+                if room >= LEAST:
+                    return pull
+                if room < 0.0:
+                    count = reach.count(q, poses)
+                    if count > far:
+                        after = f" {1e3 * STEP_M * count:.0f} of {1e3 * pull.length:.0f} mm"
+                        far, why = count, after + reach.why_not(poses[count])
+                elif best is None or room > best[0]:
+                    best = room, pull
+            if best is not None:
+                return best[1]
+        if why:
+            raise StitchError(f"{stitch.taker} does not reach the end of the pull, after{why}")
+        return None
 
     def _pull(self, hand: NeedleHand, pull: Pull) -> Iterator[Array]:
         """Yield poses along a pull until the thread is tight or something blocks it."""

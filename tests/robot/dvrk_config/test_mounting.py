@@ -48,8 +48,11 @@ def test_an_arm_stands_at_its_mounting_pitch(tmp_path: Path, generation: str, pi
     np.testing.assert_allclose(up_in_the_base(found), expected, atol=1e-9)
 
 
-def test_an_arm_without_a_mounting_pitch_stands_upright(tmp_path: Path) -> None:
-    np.testing.assert_allclose(up_in_the_base(alone(tmp_path, None)), [0.0, 0.0, 1.0], atol=1e-12)
+def test_an_si_without_a_mounting_pitch_stands_upright_with_a_note(tmp_path: Path) -> None:
+    found = alone(tmp_path, None)
+    np.testing.assert_allclose(up_in_the_base(found), [0.0, 0.0, 1.0], atol=1e-12)
+    (note,) = [note for note in found.notes if "mounting_pitch" in note]
+    assert note.startswith("PSM1: no mounting_pitch") and note.endswith("stands upright")
 
 
 def test_a_frame_of_the_lab_stands_as_the_mounting_pitch_of_its_arm_says(tmp_path: Path) -> None:

@@ -438,6 +438,12 @@ class _SystemReader:
             self._notes.append(f"{entry.name}: endoscope {named!r} is taken as {endoscope.name}")
         gains = self._gains(place, entry, kind, generation)
         base = self._base(place, entry)
+        if pitch is None and generation == "Si" and kind != "MTM":
+            stands = "leans as its setup joints do" if base[0] else "stands upright"
+            self._notes.append(
+                f"{entry.name}: no mounting_pitch, without which the dVRK rejects an Si arm; it"
+                f" {stands}"
+            )
         if base[0]:
             self._check_carrier(file, place, generation, base[0])
         return LabArm(

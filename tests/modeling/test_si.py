@@ -85,3 +85,19 @@ def test_an_arm_of_an_si_moves_and_stays_where_it_is_sent(rig, name):
     assert not arm.operating_state().is_busy
     off = np.abs(arm.joints.positions()[: len(goal)] - goal)
     assert off[[0, 1]].max() < 4e-3 and off[2] < 1e-3  # dry friction over the gains: 3 mrad
+
+
+def test_all_arms_of_a_cart_home_at_once():
+    world = World("full_cart_si")
+    arms = [arm for arm in world.arms.values() if arm.description.type in ("PSM", "ECM")]
+    for arm in arms:
+        arm.disable()
+    world.step(200)
+    for arm in arms:
+        arm.enable()
+        assert arm.joints.engaged_brakes == ("yaw", "pitch", "insertion")
+        arm.home()
+    world.step(6000)
+    for arm in arms:
+        assert arm.operating_state().is_homed and not arm.operating_state().is_busy, arm
+        assert arm.operating_state().state == "ENABLED" and not arm.joints.engaged_brakes, arm

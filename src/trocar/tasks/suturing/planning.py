@@ -417,7 +417,7 @@ class TipWorkspace:
         return room, joint, q
 
     def count(self, q: Array, poses: Sequence[Array]) -> int:
-        """Return how many of poses the tip gets through from joint positions, without jumps."""
+        """Return the number of poses that the tip gets through from q on, without jumps."""
         for number, T in enumerate(poses):
             room, _, q = self.through(q, [T])
             if not np.isfinite(room):

@@ -171,8 +171,8 @@ def test_noise_out_of_range_and_arms_without_loops_are_refused(tmp_path):
 
 @pytest.mark.parametrize("name", ["psm_si", "ecm_si"])
 def test_slides_of_an_si_are_swept_below_their_velocity_limits(name: str) -> None:
-    arm, times = load_arm(name), np.linspace(0.0, 60.0, 60001)
-    found = sweep(arm, times, 20.0, 0.6, ("chain",))
+    arm, times = load_arm(name), np.linspace(0.0, 100.0, 100001)
+    found = sweep(arm, times, 40.0, 0.6, ("chain",))
     speed = np.abs(np.gradient(found.q, times, axis=0)).max(axis=0)
     assert (speed[: len(arm.joints)] <= [joint.velocity_max for joint in arm.joints]).all()
     assert found.swings["chain"]["insertion"] > 0.09

@@ -12,40 +12,10 @@ from trocar.kinematics.forward import pose
 from trocar.simulation import World
 from trocar.simulation.supervision import Supervision
 
-#: Poses (yaw, pitch, insertion) and the efforts that sawIntuitiveResearchKit's coefficients have
-#: for them, by mounting pitch [deg] [N m, N m, N]. Source: share/kinematic/PSM_Si_physical.json and
-#: ECM_Si_physical.json of jhu-dvrk/sawIntuitiveResearchKit@9e535e6 by Newton and Euler, rounded.
-PSM = {
-    0: [
-        ((0.0, 0.0, 0.12), (-0.800, 3.983, -6.249)),
-        ((0.0, 0.5, 0.12), (-0.800, -0.704, -5.484)),
-        ((0.0, -1.0, 0.2), (-0.800, 9.101, -3.376)),
-        ((0.7, 0.0, 0.15), (-4.429, 3.046, -4.779)),
-        ((-0.7, 0.4, 0.15), (3.769, 0.253, -4.402)),
-        ((1.2, -0.4, 0.1), (-4.004, 2.583, -2.086)),
-    ],
-    -45: [
-        ((0.0, 0.0, 0.12), (-0.565, -3.377, -4.419)),
-        ((0.0, 0.5, 0.12), (-0.565, -7.282, -1.759)),
-        ((0.0, -1.0, 0.2), (-0.565, 5.650, -6.106)),
-        ((0.7, 0.0, 0.15), (-3.132, -3.906, -3.380)),
-        ((-0.7, 0.4, 0.15), (2.665, -6.500, -1.392)),
-        ((1.2, -0.4, 0.1), (-2.832, -2.862, -3.195)),
-    ],
-}
-ECM = {
-    0: [
-        ((0.0, 0.0, 0.12), (-0.669, 5.744, -17.658)),
-        ((0.7, 0.4, 0.15), (-9.487, -0.826, -12.439)),
-    ],
-    -70: [
-        ((0.0, 0.0, 0.12), (-0.229, -13.908, -6.039)),
-        ((0.7, 0.4, 0.15), (-3.245, -16.546, 2.207)),
-    ],
-}
-CASES = [("psm_si", "PSM1", mount, *row) for mount, rows in PSM.items() for row in rows] + [
-    ("ecm_si", "ECM", mount, *row) for mount, rows in ECM.items() for row in rows
-]
+#: Largest difference between the weight that an arm has and the one that its controller computes,
+#: of yaw, pitch and insertion. Source: our own choice; 0.1 mm of the PSM's insertion, by which the
+#: dVRK's two chains differ, make 0.7 mN m. [N m, N m, N]
+SAME_WEIGHT = (1e-3, 1e-3, 5e-3)
 
 
 def leaning(rig: str, degrees: float) -> World:
@@ -58,14 +28,19 @@ def leaning(rig: str, degrees: float) -> World:
     return World(replace(found, arms=(replace(arm, pose=T),)))
 
 
-@pytest.mark.parametrize(("rig", "name", "mount", "at", "efforts"), CASES)
-def test_the_weight_is_that_of_the_robot_s_own_coefficients(rig, name, mount, at, efforts):
+@pytest.mark.parametrize("mount", [0.0, -45.0, -70.0])
+@pytest.mark.parametrize(("rig", "name"), [("psm_si", "PSM1"), ("ecm_si", "ECM")])
+def test_the_weight_is_that_of_the_robot_s_own_coefficients(rig, name, mount):
+    """The coefficients are those of the robot: tests/simulation/test_si_controller.py."""
     world = leaning(rig, mount)
-    q = np.zeros(len(world.arms[name].joints.positions()))
-    q[:3] = at
-    world.set_state(name, q)
-    held = world.part(Supervision).holding_efforts(np.zeros(len(world.joints)))[:3]
-    np.testing.assert_allclose(held, efforts, rtol=0.0, atol=1.5e-3)  # rounded to 0.5e-3 there
+    joints, rng = world.arms[name].joints, np.random.default_rng(0)
+    for _ in range(10):
+        q = np.zeros(len(joints.positions()))
+        q[:3] = rng.uniform(joints.lower[:3], joints.upper[:3])
+        world.set_state(name, q)
+        held = world.part(Supervision).holding_efforts(np.zeros(len(world.joints)))
+        off = np.abs(held - world.servos.holding)[:3]
+        assert (off < SAME_WEIGHT).all(), (q[:3], off)
 
 
 @pytest.mark.parametrize("name", ["psm_si", "ecm_si"])
@@ -110,3 +85,19 @@ def test_an_arm_of_an_si_moves_and_stays_where_it_is_sent(rig, name):
     assert not arm.operating_state().is_busy
     off = np.abs(arm.joints.positions()[: len(goal)] - goal)
     assert off[[0, 1]].max() < 4e-3 and off[2] < 1e-3  # dry friction over the gains: 3 mrad
+
+
+def test_all_arms_of_a_cart_home_at_once():
+    world = World("full_cart_si")
+    arms = [arm for arm in world.arms.values() if arm.description.type in ("PSM", "ECM")]
+    for arm in arms:
+        arm.disable()
+    world.step(200)
+    for arm in arms:
+        arm.enable()
+        assert arm.joints.engaged_brakes == ("yaw", "pitch", "insertion")
+        arm.home()
+    world.step(6000)
+    for arm in arms:
+        assert arm.operating_state().is_homed and not arm.operating_state().is_busy, arm
+        assert arm.operating_state().state == "ENABLED" and not arm.joints.engaged_brakes, arm

@@ -667,7 +667,7 @@ class Batch:
         matrix = self._observer_matrix
         matrix = matrix if matrix.ndim == 2 else matrix[worlds]
         found = product(matrix, self._numbers()[np.ix_(worlds, self._seen)])
-        added = observers.observe(state, effort, found, self._observing)
+        added = observers.observe(state, effort, observers.views(found), self._observing)
         self._observed[worlds], self._fed[worlds] = state, self._steady[worlds]
         fed = added + self._steady[worlds]
         here = worlds[:, None]

@@ -7,6 +7,8 @@ some (sawIntuitiveResearchKit@9e535e6 mtsIntuitiveResearchKitPSM.cpp:1411-1418).
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +22,21 @@ Index = NDArray[np.intp]
 #: constant, gear ratio and largest current of SiPSM in dvrk-io-config-generator.py of the same
 #: commit. [N m]
 DISC_EFFORT_MAX = 0.0385 * 13.813 * 1.1
+
+
+class Views(NamedTuple):
+    """Views of one product with `DisturbanceObservers.matrix`: making them takes longer than sums.
+
+    Attributes:
+        damping: M g v of motors, (..., K)
+        both: the PID's torques, in two copies, (..., 2 K)
+        called, added: the first and the second copy, (..., K) each
+    """
+
+    damping: Array
+    both: Array
+    called: Array
+    added: Array
 
 
 class DisturbanceObservers:
@@ -86,18 +103,27 @@ class DisturbanceObservers:
         called = self._effort @ fed[self.joints] * self.discs[:, None]
         return np.concatenate([self._damping @ rate, called, called])
 
-    def observe(self, state: Array, effort: Array, found: Array, on: Array | None = None) -> Array:
+    def views(self, found: Array) -> Views:
+        """Return views of `matrix` times the factor of READ, (..., 3 K)."""
+        count = len(self.rows)
+        return Views(
+            found[..., :count],
+            found[..., count:],
+            found[..., count : 2 * count],
+            found[..., 2 * count :],
+        )
+
+    def observe(self, state: Array, effort: Array, views: Views, on: Array | None = None) -> Array:
         """Return the efforts to add to joints now, (..., R), and go on with the state in place.
 
         Args:
             state: x [N m or N]
             effort: of PID and observer at the joints, (..., R) [N m or N]
-            found: `matrix` times the factor of READ now, (..., 3 K); overwritten
+            views: of `matrix` times the factor of READ now; overwritten
             on: 1 of observers that act, 0 of those that add nothing and keep their state, (K,);
                 None: all act
         """
-        count = len(self.rows)
-        damping, limited, added = found[..., :count], found[..., count:], found[..., 2 * count :]
+        damping, both, called, added = views
         change = product(self._effort, effort)
         change += damping
         change -= state
@@ -107,9 +133,9 @@ class DisturbanceObservers:
         state += change
         added += state
         added -= damping
-        np.minimum(limited, self._most, out=limited)
-        np.maximum(limited, self._least, out=limited)
-        added -= found[..., count : 2 * count]
+        np.minimum(both, self._most, out=both)
+        np.maximum(both, self._least, out=both)
+        added -= called
         if on is not None:
             added *= on
         return product(self._spread, added)

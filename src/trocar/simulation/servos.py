@@ -152,6 +152,9 @@ class Servos:
         self.lower, self.upper = np.zeros((2, count))
         self._capped = np.isfinite(table.output_max)
         self._caps = bool(self._capped.any())
+        #: Rows of servos whose PID and observer are capped now, their caps and motors' limits.
+        self._bounds = np.zeros(0, np.intp), np.zeros(0), np.zeros(0)
+        self._bound_revision, self._ranges = -1, model.actuator_forcerange
         self.plain = not self._caps
         #: Joints whose limits in the model are not always those of their motors.
         self._ranged = np.flatnonzero(self._capped | (table.brake > 0.0))
@@ -159,6 +162,13 @@ class Servos:
         if (table.observer[:, 1] > 0.0).any():
             self.disturbance = DisturbanceObservers(table, float(model.opt.timestep))
             self.plain = False
+            self._found_now = np.zeros(3 * len(self.disturbance.rows))
+            self._views = self.disturbance.views(self._found_now)
+            first, last = self.disturbance.joints[[0, -1]].tolist()
+            #: The joints of observers; a slice, which is quicker, where no other is between them.
+            self._watched: slice | Index = slice(first, last + 1)
+            if last - first >= len(self.disturbance.joints):
+                self._watched = self.disturbance.joints
         watched = (0, 0) if self.disturbance is None else self.disturbance.coupled.shape
         #: State of the observers; the rest that is fed forward to their joints, and that of the
         #: last step.
@@ -255,11 +265,16 @@ class Servos:
 
     def write_efforts(self) -> None:
         """Write commanded and balancing efforts into the servos."""
-        np.add(self.commanded, self.balanced * self.holding, out=self.feed)
+        gravity = self.balanced * self.holding
+        np.add(self.commanded, gravity, out=self.feed)
         if self.disturbance is not None:
             self._steady = self.feed[self.disturbance.joints]
-        if self._caps:
+        if self._caps and self._bound_revision != self.revision:
             self._write_ranges()
+        elif self._caps:
+            rows, lower, upper = self._around(gravity)
+            self._ranges[rows, 0] = lower
+            self._ranges[rows, 1] = upper
 
     def observe_disturbance(self) -> None:
         """Write the efforts of disturbance observers into the servos, for one step.
@@ -276,12 +291,11 @@ class Servos:
             self._seen = np.flatnonzero(matrix.any(axis=0))
             self._observer_matrix = np.ascontiguousarray(matrix[:, self._seen])
             self._observed_revision = self.revision
-        joints = observers.joints
-        effort = self._force.take(joints)
-        effort -= self._fed
+        joints = self._watched
+        effort = self._force[joints] - self._fed
         mujoco.mj_getState(self._model, self._data, self._state, READ_STATE)
-        found = self._observer_matrix.dot(self._state.take(self._seen))
-        added = observers.observe(self._observed, effort, found, self._observing)
+        self._observer_matrix.dot(self._state.take(self._seen), out=self._found_now)
+        added = observers.observe(self._observed, effort, self._views, self._observing)
         self._fed = self._steady
         added += self._steady
         self.feed[joints] = added
@@ -340,8 +354,8 @@ class Servos:
         model.actuator_biasprm[own, 1] = -gains[:, 0]
         model.actuator_gainprm[own, 0] = gains[:, 1]
         model.actuator_biasprm[own, 2] = -gains[:, 2]
-        model.actuator_forcerange[own, 0] = -self.limit
-        model.actuator_forcerange[own, 1] = self.limit
+        self._ranges[own, 0] = -self.limit
+        self._ranges[own, 1] = self.limit
         self._write_ranges()
         bare = ~self.powered & (table.brake == 0.0)
         held = self._turned[(still | bare) & ~table.fingers].any(axis=0)
@@ -358,11 +372,22 @@ class Servos:
         """Set the limits of efforts: of motors, and of PID and observer beside gravity's."""
         self.lower[:], self.upper[:] = -limits, limits
         if self._caps:
-            which = self._capped & self.servoed
-            gravity, most = (self.balanced * self.holding)[which], self.table.output_max[which]
-            limit = limits[which]
-            self.lower[which] = np.clip(gravity - most, -limit, limit)
-            self.upper[which] = np.clip(gravity + most, -limit, limit)
+            rows = np.flatnonzero(self._capped & self.servoed)
+            self._bounds = rows, self.table.output_max[rows], limits[rows]
+            self._around(self.balanced * self.holding)
+
+    def _around(self, gravity: Array) -> tuple[Index, Array, Array]:
+        """Set the limits of servos whose PID and observer are capped, and return them.
+
+        Args:
+            gravity: efforts of gravity compensation, (J,) [N m or N]
+        """
+        rows, most, limit = self._bounds
+        carried = gravity[rows]
+        lower = np.minimum(np.maximum(carried - most, -limit), limit)
+        upper = np.minimum(np.maximum(carried + most, -limit), limit)
+        self.lower[rows], self.upper[rows] = lower, upper
+        return rows, lower, upper
 
     def _write_ranges(self) -> None:
         """Write the limits of efforts into the model, where they are not always the motors'."""
@@ -370,8 +395,9 @@ class Servos:
         if not len(rows):
             return
         self._bound(self.effective[1])
-        self._model.actuator_forcerange[rows, 0] = self.lower[rows]
-        self._model.actuator_forcerange[rows, 1] = self.upper[rows]
+        self._bound_revision = self.revision
+        self._ranges[rows, 0] = self.lower[rows]
+        self._ranges[rows, 1] = self.upper[rows]
 
     @property
     def friction(self) -> tuple[Array, Array]:

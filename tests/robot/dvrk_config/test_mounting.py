@@ -17,6 +17,7 @@ from trocar.errors import DescriptionError
 from trocar.kinematics.forward import pose
 from trocar.robot.dvrk_config import import_dvrk
 from trocar.robot.dvrk_config.rig import ImportedRig
+from trocar.simulation import World
 
 DRIVER = "LARGE_NEEDLE_DRIVER:4{}0006"
 
@@ -47,8 +48,11 @@ def test_an_arm_stands_at_its_mounting_pitch(tmp_path: Path, generation: str, pi
     np.testing.assert_allclose(up_in_the_base(found), expected, atol=1e-9)
 
 
-def test_an_arm_without_a_mounting_pitch_stands_upright(tmp_path: Path) -> None:
-    np.testing.assert_allclose(up_in_the_base(alone(tmp_path, None)), [0.0, 0.0, 1.0], atol=1e-12)
+def test_an_si_without_a_mounting_pitch_stands_upright_with_a_note(tmp_path: Path) -> None:
+    found = alone(tmp_path, None)
+    np.testing.assert_allclose(up_in_the_base(found), [0.0, 0.0, 1.0], atol=1e-12)
+    (note,) = [note for note in found.notes if "mounting_pitch" in note]
+    assert note.startswith("PSM1: no mounting_pitch") and note.endswith("stands upright")
 
 
 def test_a_frame_of_the_lab_stands_as_the_mounting_pitch_of_its_arm_says(tmp_path: Path) -> None:
@@ -73,6 +77,15 @@ def test_a_mounting_pitch_that_its_setup_joints_do_not_have_is_noted(tmp_path: P
     right = lab.lab(tmp_path / "right" / "in", "Si", held_at(-0.785398))
     found = import_dvrk(right, tmp_path / "right" / "rig.toml")
     assert not [n for n in found.notes if "psm1.json" in n and "mounting_pitch" in n]
+
+
+def test_compensation_follows_the_mounting_pitch_of_the_file(tmp_path: Path) -> None:
+    found = import_dvrk(lab.lab(tmp_path / "in", "Si", held_at(0.0)), tmp_path / "rig.toml")
+    world = World(found.rig)
+    world.set_state("PSM1", np.array([0.0, 0.0, 0.12, 0.0, 0.0, 0.0, 0.0]))
+    held = world.servos.holding[world.joints.arms["PSM1"].rows][:3]
+    # published by the robot's own software: tests/simulation/test_si_controller.py
+    np.testing.assert_allclose(held, [-0.799593, 3.982526, -6.24897], atol=2e-5)
 
 
 def held_at(pitch: float) -> dict[str, Any]:

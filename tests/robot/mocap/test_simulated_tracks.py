@@ -11,6 +11,7 @@ import pytest
 from trocar.descriptions import load_arm
 from trocar.errors import InputError
 from trocar.robot.mocap import MarkerNoise, MocapSettings, simulate_tracks, write_tracks
+from trocar.robot.mocap.sweep import sweep
 
 QUICK = MocapSettings(motion="kinematic", duration_s=8.0, rate_hz=50.0)
 
@@ -166,3 +167,12 @@ def test_noise_out_of_range_and_arms_without_loops_are_refused(tmp_path):
     with pytest.raises(InputError, match="format: got 'c3d'; allowed: tidy, motive"):
         write_tracks(tmp_path / "a.csv", tracks, "c3d")  # type: ignore[arg-type]
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["psm_si", "ecm_si"])
+def test_slides_of_an_si_are_swept_below_their_velocity_limits(name: str) -> None:
+    arm, times = load_arm(name), np.linspace(0.0, 100.0, 100001)
+    found = sweep(arm, times, 40.0, 0.6, ("chain",))
+    speed = np.abs(np.gradient(found.q, times, axis=0)).max(axis=0)
+    assert (speed[: len(arm.joints)] <= [joint.velocity_max for joint in arm.joints]).all()
+    assert found.swings["chain"]["insertion"] > 0.09

@@ -240,7 +240,9 @@ class Files:
 
 
 def arm_entry(arm: LabArm, tool: str, files: Files) -> dict[str, Any]:
-    """Return `description` and `tool` of an arm; writes the files that they name.
+    """Return an arm's description, tool and mounting pitch as the controller has it.
+
+    Writes the files that they name.
 
     Raises:
         DescriptionError: a chain that no arm of trocar's can have
@@ -273,6 +275,8 @@ def arm_entry(arm: LabArm, tool: str, files: Files) -> dict[str, Any]:
             f"{arm.name}: pid_max_output of discs is not simulated: servos are those of joints"
         )
     entry: dict[str, Any] = {"description": own}
+    if arm.mounting_pitch is not None and "gravity_link" in found:
+        entry["mounting_pitch_rad"] = arm.mounting_pitch
     if changed:
         found["title"] = f"{found.get('title', own)}; as {arm.name} of the lab has it"
         entry["description"] = files.write(arm.name.lower(), found, arm.file)

@@ -438,6 +438,12 @@ class _SystemReader:
             self._notes.append(f"{entry.name}: endoscope {named!r} is taken as {endoscope.name}")
         gains = self._gains(place, entry, kind, generation)
         base = self._base(place, entry)
+        if pitch is None and generation == "Si" and kind != "MTM":
+            stands = "leans as its setup joints do" if base[0] else "stands upright"
+            self._notes.append(
+                f"{entry.name}: no mounting_pitch, without which the dVRK rejects an Si arm; it"
+                f" {stands}"
+            )
         if base[0]:
             self._check_carrier(file, place, generation, base[0])
         return LabArm(
@@ -466,8 +472,8 @@ class _SystemReader:
         if abs(lean - pitch) > SAME_LEAN:
             self._notes.append(
                 f"{file.name}: mounting_pitch is {math.degrees(pitch):.1f} degrees, and its setup"
-                f" joints lean by {math.degrees(lean):.1f}; gravity compensation of the dVRK"
-                " follows the former, this rig the latter"
+                f" joints lean by {math.degrees(lean):.1f}; gravity compensation follows the former"
+                " here, as on the dVRK"
             )
 
     def _arm_file(self, place: JsonFile[Any], entry: ArmEntry) -> JsonFile[ArmFile]:

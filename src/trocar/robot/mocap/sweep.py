@@ -34,6 +34,9 @@ SWINGS_ABOUT_CENTRE = (1.0, 1.5)
 #: A sweep stays this far from the limits, and below this share of a joint's velocity limit.
 #: Source: our own choice.
 MARGIN_RAD, SPEED_SHARE = 0.01, 0.8
+#: Steepest slope of a ramp, 10 r^3 - 15 r^4 + 6 r^5, and share of a slide's velocity limit that it
+#: takes. Source: our own choice: with the sweep's share below the limit.
+STEEPEST, RAMP_SHARE = 1.875, 0.45
 SHORTEST_S = STILL_S + 4.0 * RAMP_S
 #: Steps that are simulated between two reports of progress. Source: our own choice.
 PIECE = 1000
@@ -107,7 +110,11 @@ def sweep(
             phase = 2.0 * np.pi * periods / length * since
             away = middle - start[joint] + swing * np.sin(phase)
             # Grow from 0 to 1 and die out again, smoothly.
-            r = np.clip(np.minimum(since, length - since) / RAMP_S, 0.0, 1.0)
+            ramp = RAMP_S
+            if mechanism.joints[joint].kind == "prismatic":  # from a stop to the middle of a sweep
+                reach = abs(middle - start[joint]) + swing
+                ramp = max(ramp, STEEPEST * reach / (RAMP_SHARE * arm.joints[joint].velocity_max))
+            r = np.clip(np.minimum(since, length - since) / ramp, 0.0, 1.0)
             q[:, joint] += r**3 * (10.0 - 15.0 * r + 6.0 * r**2) * away
             swings[part][name] = swing
             together.setdefault((from_s, from_s + length), []).append(name)
@@ -233,9 +240,10 @@ def _check(arm: ArmDescription, goal: Array, speed: Array) -> None:
     for index, joint in enumerate(arm.joints):
         fastest = float(np.abs(speed[:, index]).max())
         if fastest > joint.velocity_max:
+            unit = "m/s" if joint.kind == "prismatic" else "rad/s"
             raise InputError(
-                f"{arm.name}: {joint.name} would be swept at {fastest:.3g} rad/s; allowed:"
-                f" {joint.velocity_max:.3g} rad/s; increase the duration"
+                f"{arm.name}: {joint.name} would be swept at {fastest:.3g} {unit}; allowed:"
+                f" {joint.velocity_max:.3g} {unit}; increase the duration"
             )
         low, high = float(goal[:, index].min()), float(goal[:, index].max())
         if low < joint.lower or high > joint.upper:

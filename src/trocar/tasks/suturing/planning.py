@@ -28,7 +28,7 @@ from trocar.outputs import whole_file, write_text
 from trocar.plotting.drawing import PALETTE, new_figure, png
 from trocar.simulation import World
 from trocar.simulation.tissue.tissues import RISE, stitch_points
-from trocar.tasks.suturing.pull import REACH_M, UP, Pull, clear_ways, pulls
+from trocar.tasks.suturing.pull import PULLS, REACH_M, UP, Pull, clear_ways, pulls
 
 Array = NDArray[np.float64]
 
@@ -131,7 +131,12 @@ class Stitch:
         return needle_on_circle(self.wound, x, self.height, self.side, angle - needle.arc)
 
     def pulls(
-        self, taker: TipWorkspace, tissue: Tissue, start: Array, held: Array
+        self,
+        taker: TipWorkspace,
+        tissue: Tissue,
+        start: Array,
+        held: Array,
+        directions: Sequence[tuple[float, float, float]] = PULLS,
     ) -> Iterator[Pull]:
         """Yield pulls of the thread after the stitch, the best first.
 
@@ -140,11 +145,12 @@ class Stitch:
             tissue: that is stitched
             start: pose of its tip in the world where it begins, (4, 4)
             held: the same in the needle's frame, (4, 4)
+            directions: across the wound, up, and towards the arm's own side along it
         """
         x, y, _ = self.wound[:3, :3].T
         aside = x * np.sign(x @ (taker.port - self.wound[:3, 3]))
         axes, free = np.array([self.side * y, UP, aside]), tissue.thread.free
-        ways = clear_ways(start[:3, 3], axes, free, scope_shafts(taker.world))
+        ways = clear_ways(start[:3, 3], axes, free, scope_shafts(taker.world), directions)
         return pulls(start, held, tissue.wire, ways, free)
 
     def angle_of(self, needle: Needle, pose: Array) -> float:
@@ -372,6 +378,14 @@ class TipWorkspace:
             return -joints.get(joint, np.inf), joint
         return max(self.margin(q) for q in found)
 
+    def why_not(self, T: Array) -> str:
+        """Return ": ", which joint a pose brings beyond its limit, and by how much; "" in reach."""
+        try:
+            inverse_kinematics(self._mechanism, self._structure, self._back @ T)
+        except (UnreachableError, SingularError) as problem:
+            return f": {problem}"
+        return ""
+
     def margin(self, q: Array) -> tuple[float, str]:
         """Return the least distance of a turning joint from a limit, and which [rad]."""
         room = np.where(self._turns, np.minimum(q - self._lower, self._upper - q), np.inf)
@@ -401,6 +415,14 @@ class TipWorkspace:
             if room <= least:
                 break
         return room, joint, q
+
+    def count(self, q: Array, poses: Sequence[Array]) -> int:
+        """Return the number of poses that the tip gets through from q on, without jumps."""
+        for number, T in enumerate(poses):
+            room, _, q = self.through(q, [T])
+            if not np.isfinite(room):
+                return number
+        return len(poses)
 
     def along(self, poses: Sequence[Array]) -> tuple[float, str, Array] | None:
         """Return the way through poses that stays farthest from limits.

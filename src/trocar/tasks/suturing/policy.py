@@ -27,7 +27,7 @@ from trocar.tasks.suturing.planning import (
     TipWorkspace,
     needle_on_circle,
 )
-from trocar.tasks.suturing.pull import Pull
+from trocar.tasks.suturing.pull import LAST_PULLS, PULLS, STEP_M, Pull
 from trocar.tasks.task import Task
 
 Array = NDArray[np.float64]
@@ -173,7 +173,8 @@ class NeedleHand(Hand):
         yield from self.go(goal, speed)
         now = self.task.controller.target(self.arm)
         if np.linalg.norm(goal[:3, 3] - now[:3, 3]) > 1e-3:
-            raise StitchError(f"{self.arm} does not reach {np.round(1e3 * goal[:3, 3], 1)} mm")
+            at = np.round(1e3 * goal[:3, 3], 1)
+            raise StitchError(f"{self.arm} does not reach {at} mm{self.reach.why_not(goal)}")
 
     def lag(self) -> float:
         """Return the distance of the measured tip from its set-point [m]."""
@@ -256,7 +257,9 @@ class Sewing:
             hand.jaw = AROUND
             solutions = hand.reach.all(above)
             if not len(solutions):
-                raise StitchError(f"{hand.arm} does not reach the needle")
+                raise StitchError(
+                    f"{hand.arm} does not reach the needle{hand.reach.why_not(above)}"
+                )
             roll = np.abs(solutions - start)[:, [0, 1, 3, 4, 5]].max(axis=1)
             yield from self._one(hand, hand.to_joints(solutions[int(np.argmin(roll))]))
             yield from self._one(hand, hand.line(there, 0.04))
@@ -396,26 +399,34 @@ class Sewing:
             None: something is in the way in all directions
 
         Raises:
-            StitchError: there is no way in reach
+            StitchError: there is no way in reach; says which joint is in the way, and by how much
         """
         reach, tissue = self.hands[stitch.taker].reach, self.op.tissue.tissue
         start, q = self.task.controller.target(stitch.taker), reach.arm.joints.setpoints()[:-1]
         best: tuple[float, Pull] | None = None
-        for pull in stitch.pulls(reach, tissue, start, held):
-            if any(np.allclose(pull.way, other.way) for other in blocked):
-                continue
-            if blocked:
-                pull = pull.continuing(blocked[0])
-            room = reach.through(q, pull.poses())[0]
-            if room >= LEAST:
-                return pull
-            if best is None or room > best[0]:
-                best = room, pull
-        if best is None:
-            return None
-        if best[0] < 0.0:
-            raise StitchError(f"{stitch.taker} does not reach the end of the pull")
-        return best[1]
+        far, why = -np.inf, ""
+        for directions in (PULLS, LAST_PULLS):
+            for pull in stitch.pulls(reach, tissue, start, held, directions):
+                if any(np.allclose(pull.way, other.way) for other in blocked):
+                    continue
+                if blocked:
+                    pull = pull.continuing(blocked[0])
+                poses = pull.poses()
+                room = reach.through(q, poses)[0]
+                if room >= LEAST:
+                    return pull
+                if room < 0.0:
+                    count = reach.count(q, poses)
+                    if count > far:
+                        after = f" {1e3 * STEP_M * count:.0f} of {1e3 * pull.length:.0f} mm"
+                        far, why = count, after + reach.why_not(poses[count])
+                elif best is None or room > best[0]:
+                    best = room, pull
+            if best is not None:
+                return best[1]
+        if why:
+            raise StitchError(f"{stitch.taker} does not reach the end of the pull, after{why}")
+        return None
 
     def _pull(self, hand: NeedleHand, pull: Pull) -> Iterator[Array]:
         """Yield poses along a pull until the thread is tight or something blocks it."""

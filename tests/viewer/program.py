@@ -63,5 +63,6 @@ class Program:
 def program(address: str, token: str | None = None) -> Iterator[Program]:
     """Connect to a rosbridge WebSocket while the `with` block lasts."""
     shown = {} if token is None else {"Authorization": f"Bearer {token}"}
-    with connect(address, additional_headers=shown) as socket:
+    # A full queue would stop reading, and with it the answers that keep the connection open.
+    with connect(address, additional_headers=shown, max_queue=None) as socket:
         yield Program(socket)

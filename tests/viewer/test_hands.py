@@ -229,6 +229,19 @@ def test_the_last_minute_is_that_of_the_arms_and_its_table_has_all_of_it(
     plots.show(bench.loop.state)
 
 
+def test_a_list_of_quantities_is_made_when_the_one_before_has_its_choice(
+    server: LocalServer,
+) -> None:
+    bench = Bench(server)
+    plots = QuantityPlots(bench.desk, {"PSM1": read_arm(bench.world, "PSM1")}, LastMinute())
+    for number in range(4):
+        assert len(plots._rows) == number + 1
+        plots._rows[number][0].value = "PSM1 yaw measured"
+        plots._choose(number)
+        plots._choose(number)
+    assert len(plots._rows) == 4
+
+
 def test_a_tool_that_is_taken_off_leaves_gaps_in_the_last_minute(server: LocalServer) -> None:
     bench, last = Bench(server), LastMinute()
     plots = QuantityPlots(bench.desk, {"PSM1": read_arm(bench.world, "PSM1")}, last)

@@ -3,7 +3,7 @@
 python tools/docs/viewer_picture.py NAME [FILE]
 
 NAME: cart, teleoperation, viewer-scene, viewer-gallery, viewer-gone, viewer-phone,
-viewer-recording, viewer-upload, viewer-outline or viewer-depth.
+viewer-recording, viewer-upload, viewer-outline, viewer-hands or viewer-depth.
 
 Needs the extra `browser` and Chromium with its driver, which draw without a display.
 """
@@ -134,6 +134,24 @@ setTimeout(() => document.querySelector('[data-trocar=outline]').parentElement.s
   19000);
 """
 
+#: Draws the tips' paths on the way to a pose, plots a joint, and scrolls to the timeline.
+HANDS = """
+const named = name => [...document.querySelectorAll('*')]
+  .filter(e => e.children.length < 3 && e.innerText?.trim() === name).pop();
+const field = name => document.getElementById(
+  [...document.querySelectorAll('label')].find(l => l.innerText === name).htmlFor);
+const press = name => [...document.querySelectorAll('button')]
+  .find(b => b.innerText === name).click();
+named('See').click();
+named('Plots, 60 s').click();
+setTimeout(() => field('Tip paths').click(), 4000);
+setTimeout(() => { field('Plot 1').focus(); field('Plot 1').click(); }, 6000);
+setTimeout(() => [...document.querySelectorAll('[role=option]')]
+  .find(o => o.innerText === 'PSM1 yaw measured').click(), 8000);
+setTimeout(() => press('home'), 10000);
+setTimeout(() => named('Timeline').scrollIntoView(), 15000);
+"""
+
 SHOTS = {
     "cart": Shot(
         ("sim",),
@@ -168,6 +186,9 @@ SHOTS = {
     "viewer-upload": Shot(("sim", "--rig", "two_psm_ecm"), UPLOAD, "1320,800", 0.9, moved_s=15.0),
     "viewer-outline": Shot(
         ("sim", "--rig", "two_psm_ecm"), OUTLINE, "1500,900", 0.9, left=False, moved_s=120.0
+    ),
+    "viewer-hands": Shot(
+        ("sim", "--rig", "two_psm_ecm"), HANDS, "1500,1000", 0.85, left=False, moved_s=18.0
     ),
     "viewer-depth": Shot(
         ("sim", "--rig", "pegs"), press("depth"), "1320,800", 0.9, left=False, right=False

@@ -29,6 +29,9 @@ SPAN_S, PERIOD_S = 60.0, 0.1
 """Simulated time of the plots, and between two samples [s]. Source: our own choice."""
 
 PLOTS, NONE, EXPORT = 4, "none", "Export CSV"
+FIRST = 1e9
+"""Order of the first list in the folder: below the button, with its plot right after it."""
+
 COLOURS = ("#1c6fc4", "#c2255c", "#2b8a3e", "#e8590c")
 
 QUANTITIES = ("measured", "commanded", "error", "velocity", "effort")
@@ -87,12 +90,7 @@ class QuantityPlots:
         self._folder = self._gui.add_folder("Plots, 60 s", expand_by_default=False)
         with self._folder:
             Buttons(self._gui, "Last minute", (EXPORT,), self._export, hint("Last minute"))
-            for number in range(PLOTS):
-                choice = self._gui.add_dropdown(
-                    f"Plot {number + 1}", [NONE, *self._columns], hint=hint("Plot")
-                )
-                self._rows.append((choice, None))
-                when_touched(choice, lambda _, number=number: self._choose(number))
+        self._add()
 
     def show(self, state: LoopState) -> None:  # noqa: ARG002  as of a folder
         """Draw the chosen quantities."""
@@ -134,6 +132,19 @@ class QuantityPlots:
                 "last_minute.csv", self.table().encode(), save_immediately=True
             )
 
+    def _add(self) -> None:
+        """Add a list of quantities. Hundreds of rows, which a browser makes though none is seen."""
+        number = len(self._rows)
+        with self._folder:
+            choice = self._gui.add_dropdown(
+                f"Plot {number + 1}",
+                [NONE, *self._columns],
+                hint=hint("Plot"),
+                order=FIRST + 2 * number,
+            )
+        self._rows.append((choice, None))
+        when_touched(choice, lambda _: self._choose(number))
+
     def _choose(self, number: int) -> None:
         choice, plot = self._rows[number]
         if plot is not None:
@@ -156,8 +167,11 @@ class QuantityPlots:
                     legend=uplot.Legend(show=True, live=False),
                     height=130,
                     padding=(8, 14, 0, 0),
+                    order=FIRST + 2 * number + 1,
                 )
         self._rows[number] = choice, plot
+        if plot is not None and number + 1 == len(self._rows) < PLOTS:
+            self._add()
 
 
 def _value(arm: ArmSnapshot, joint: int, quantity: str) -> float:

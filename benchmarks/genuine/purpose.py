@@ -41,7 +41,8 @@ PURPOSE: dict[str, dict[str, str]] = {
     },
     "teleoperation": {
         "L0 system/power_on": HOMED, "L5 operator present": MASTER, "L6 master 2 cm x": MASTER,
-        "L7 master 2 cm y": MASTER, "L12 master 2 cm z at 0.4": MASTER,
+        "L7 master 2 cm y": MASTER, "L10 clutch released": MASTER,
+        "L12 master 2 cm z at 0.4": MASTER,
         "L14 master 2 cm back, locked": MASTER, "L16 lock_rotation": MASTER,
         "L20 operator back": MASTER, "L12 master 2 cm z at 0.4: tip": MASTER,
     },

@@ -22,7 +22,7 @@ PAGE = genuine.ROOT / "docs" / "as-on-the-robot.md"
 
 #: Steps and facts that are as the robot's, or differ on purpose. A change may raise these.
 REACHED = {
-    "psm": 366, "mtm": 60, "ecm": 46, "suj": 15, "teleoperation": 29,
+    "psm": 366, "mtm": 60, "ecm": 46, "suj": 15, "teleoperation": 30,
     "walk-states": 664, "walk-moves": 156, "walk-poses": 120,
 }  # fmt: skip
 #: The same for part A alone, the states.

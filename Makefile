@@ -40,20 +40,20 @@ EXTRAS_docs := [docs]
 EXTRAS_dev := [dev]
 EXTRAS_judges := [dev,judges,learn,gpu]
 
-# pytest ends with 5 where ARGS chooses nothing. Side by side, processes with several BLAS threads
-# each only wait for one another.
+# The browser draws in software and needs the machine for itself; pytest ends with 5 where ARGS
+# chooses nothing. Side by side, processes with several BLAS threads each only wait for one another.
 walk := tests/viewer/test_browser_controls.py
 # The folder of browser tests, unless ARGS names tests: to collect all takes half a minute.
 browsed := $(if $(findstring tests/,$(ARGS)),,tests/viewer)
 define tests
-OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m browser --ignore=$(walk) -n $(JOBS) --dist loadfile \
-	--durations=10 $(browsed) $(ARGS) || [ $$? = 5 ]
+$(BIN)/python -m pytest -m "browser and not slow" --durations=10 $(browsed) $(ARGS) || [ $$? = 5 ]
 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m "not browser and not slow" -n $(JOBS) \
 	--dist worksteal --durations=30 $(ARGS)
 endef
 
 # More robots and longer runs of what the other tests prove once.
 define slow
+$(BIN)/python -m pytest -m "browser and slow" --ignore=$(walk) $(browsed) $(ARGS) || [ $$? = 5 ]
 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m "slow and not browser" -n $(JOBS) \
 	--dist worksteal --durations=10 $(ARGS) || [ $$? = 5 ]
 endef

@@ -30,7 +30,7 @@ from selenium.webdriver.common.by import By
 
 from tests.viewer.browser import Browser, chromium
 
-pytestmark = [pytest.mark.browser, pytest.mark.slow]
+pytestmark = pytest.mark.browser
 
 Script = list[tuple[int, Command]]
 #: Notes of the library's that lie over what a person would press.

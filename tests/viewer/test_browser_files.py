@@ -19,7 +19,7 @@ from selenium.webdriver.common.by import By
 
 from tests.viewer.browser import Browser, chromium
 
-pytestmark = [pytest.mark.browser, pytest.mark.slow]
+pytestmark = pytest.mark.browser
 
 OPEN = """
 const title = [...document.querySelectorAll('*')]
@@ -41,6 +41,7 @@ def ball(file: Path, triangles: int) -> Path:
     return file
 
 
+@pytest.mark.slow
 def test_a_file_is_uploaded_previewed_and_loaded_and_bad_ones_get_a_notice(tmp_path: Path) -> None:
     gallery = Gallery(lambda: (), "psm")
     urls: list[str] = []

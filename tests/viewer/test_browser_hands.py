@@ -31,7 +31,7 @@ from selenium.webdriver.remote.webelement import WebElement
 
 from tests.viewer.browser import Browser, chromium
 
-pytestmark = [pytest.mark.browser, pytest.mark.slow]
+pytestmark = pytest.mark.browser
 
 Array = NDArray[np.float64]
 ROOT = Path(__file__).parents[2]
@@ -194,6 +194,7 @@ def drag_along_x(browser: Browser, away_px: int) -> float:
     return canvas.size["height"]
 
 
+@pytest.mark.slow
 def test_a_handle_that_is_dragged_carries_the_master_and_the_tool_follows(
     browser: Browser, tmp_path: Path
 ) -> None:

@@ -21,7 +21,7 @@ from trocar.viewer import Card, Choice, Gallery, serve
 pytest.importorskip("selenium", reason="selenium is not installed")
 from tests.viewer.browser import Browser, chromium
 
-pytestmark = [pytest.mark.browser, pytest.mark.slow]
+pytestmark = pytest.mark.browser
 
 BANNER = "return document.querySelector('[data-trocar=banner]').innerText"
 BAR = "return document.querySelector('[data-trocar=bar]').innerText"

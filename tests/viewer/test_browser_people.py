@@ -23,7 +23,7 @@ from tests.viewer.browser import chromium
 from tests.viewer.person import Person
 from tests.viewer.program import Program, program
 
-pytestmark = [pytest.mark.browser, pytest.mark.slow]
+pytestmark = pytest.mark.browser
 
 ROOT = Path(__file__).parents[2]
 BAR = "return document.querySelector('[data-trocar=bar]')?.innerText ?? ''"
@@ -208,6 +208,7 @@ def attempt(at: Person, degrees: float) -> None:
     time.sleep(ACTED_S)
 
 
+@pytest.mark.slow
 def test_who_loses_the_connection_gives_the_arm_to_the_other_and_watches_when_back(
     tmp_path: Path,
 ) -> None:
@@ -233,6 +234,7 @@ def test_who_loses_the_connection_gives_the_arm_to_the_other_and_watches_when_ba
         turns(second, reads, -12.0)
 
 
+@pytest.mark.slow
 def test_a_page_that_was_open_drives_the_simulator_that_was_started_anew(tmp_path: Path) -> None:
     with person(tmp_path, "a") as at:
         with simulator() as served, program(served.rosbridge) as reads:

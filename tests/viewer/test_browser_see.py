@@ -14,7 +14,7 @@ from benchmarks.first_tip import PLACES
 from benchmarks.served import served
 from tests.viewer.browser import chromium
 
-pytestmark = [pytest.mark.browser, pytest.mark.slow]
+pytestmark = pytest.mark.browser
 
 FOLDER = """
 [...document.querySelectorAll('*')]

@@ -23,7 +23,7 @@ pytest.importorskip("selenium", reason="selenium is not installed")
 from tests.viewer.browser import Browser, chromium
 from tests.viewer.program import program
 
-pytestmark = [pytest.mark.browser, pytest.mark.slow]
+pytestmark = pytest.mark.browser
 
 ROOT = Path(__file__).parents[2]
 TOKEN = "0123456789abcdef"

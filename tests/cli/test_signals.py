@@ -55,7 +55,7 @@ SPEEDS = ["max", pytest.param("realtime", marks=pytest.mark.slow)]
     [
         ("while True: pass", "2: while True: pass"),
         ("import time\ntime.sleep(1e6)", "3: time.sleep(1e6)"),
-        (STUBBORN, ""),
+        pytest.param(STUBBORN, "", marks=pytest.mark.slow),
         (
             "import signal\nfor s in (1, 2, 14, 15): signal.signal(s, signal.SIG_IGN)\n"
             "while True: pass",
@@ -85,7 +85,8 @@ def test_a_script_whose_c_code_lets_no_other_thread_run_is_ended(tmp_path: Path)
     assert f'File "{script}", line 1 in <module>' in err
 
 
-@pytest.mark.parametrize("last", ["", pytest.param("while True: pass\n", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("last", ["", "while True: pass\n"])
 def test_a_script_whose_thread_outlives_it_is_ended(tmp_path: Path, last: str) -> None:
     script = tmp_path / "script.py"
     script.write_text(
@@ -98,7 +99,9 @@ def test_a_script_whose_thread_outlives_it_is_ended(tmp_path: Path, last: str) -
 
 
 @pytest.mark.parametrize("speed", SPEEDS)
-@pytest.mark.parametrize("text", ["while True: pass", STUBBORN])
+@pytest.mark.parametrize(
+    "text", ["while True: pass", pytest.param(STUBBORN, marks=pytest.mark.slow)]
+)
 def test_the_recording_of_a_script_that_is_ended_is_whole(
     tmp_path: Path, text: str, speed: str
 ) -> None:
@@ -116,8 +119,8 @@ def test_the_recording_of_a_script_that_is_ended_is_whole(
     ("text", "speed"),
     [
         ("while True: time.sleep(0.1)", "realtime"),
-        (STUBBORN, "max"),
         pytest.param("while True: time.sleep(0.1)", "max", marks=pytest.mark.slow),
+        pytest.param(STUBBORN, "max", marks=pytest.mark.slow),
         pytest.param(STUBBORN, "realtime", marks=pytest.mark.slow),
     ],
 )

@@ -71,6 +71,7 @@ def test_a_client_of_rosbridge_publishes_and_calls() -> None:
                 client.call("PSM1/nothing", "std_srvs/Trigger", {})
 
 
+@pytest.mark.slow
 def test_our_psm_conforms_on_ros_2() -> None:
     pytest.importorskip("cyclonedds", reason="cyclonedds is not installed (extra ros2)")
     from trocar.ros.transports.ros2 import Ros2Client, network
@@ -91,6 +92,7 @@ def test_our_psm_conforms_on_ros_2() -> None:
             client.call("PSM1/nothing", "std_srvs/Trigger", {}, timeout_s=0.2)
 
 
+@pytest.mark.slow
 def test_our_psm_conforms_on_ros_1(tmp_path: Path) -> None:
     need("rosmaster")
     master = Master(tmp_path)

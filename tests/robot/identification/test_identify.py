@@ -29,7 +29,6 @@ from trocar.robot.identification import (
     identify,
     predicted_efforts,
     read_motion,
-    validation,
 )
 from trocar.robot.identification.bounds import all_bounds, body_bounds
 from trocar.robot.identification.drivetrains import (
@@ -198,6 +197,7 @@ def test_predictions_with_identified_dynamics_explain_the_log_they_are_from(foun
     assert ratio.max() < 0.01
 
 
+@pytest.mark.slow
 def test_a_known_weight_is_not_taken_for_the_arm() -> None:
     pytest.importorskip("clarabel", reason="clarabel is not installed: trocar[identify]")
     arm, known = load_arm("ecm"), (Weight(0.5, "pitch_end", (0.0, 0.0, 0.1)),)
@@ -259,6 +259,7 @@ def test_coulomb_friction_of_a_simulated_log_has_the_signs_of_its_own_velocities
     assert (signs[0] != signs[1]).any()
 
 
+@pytest.mark.slow
 def test_friction_of_a_joint_that_sticks_in_a_simulated_log_does_not_count() -> None:
     """There it is what other forces leave; here a third of the yaw's, at random."""
     pytest.importorskip("clarabel", reason="clarabel is not installed: trocar[identify]")
@@ -435,10 +436,8 @@ def test_a_joint_that_does_not_move_stays_as_described(tidy: Callable[..., Path]
     assert "roll" not in found.model.trains
 
 
-def test_a_joint_without_efforts_leaves_the_fit_of_the_others(
-    tidy: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(validation, "BLOCKS", 2)  # each is a fit of its own
+@pytest.mark.slow
+def test_a_joint_without_efforts_leaves_the_fit_of_the_others(tidy: Callable[..., Path]) -> None:
     pytest.importorskip("clarabel", reason="clarabel is not installed: trocar[identify]")
     arm = load_arm("ecm")
     whole = filtered(read_motion(tidy(), arm), arm, SETTINGS)

@@ -75,6 +75,7 @@ def test_a_rig_or_the_rotation_of_the_base_explains_the_weight_of_a_leaning_arm(
     assert by_rig["yaw"] < 5.0 and upright["yaw"] > 10.0
 
 
+@pytest.mark.slow
 def test_identify_takes_how_an_arm_stands(
     log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -5,9 +5,12 @@ from __future__ import annotations
 import json
 import subprocess
 
+import pytest
+
 from tests.ros.ros1.robot_os import MAIN, PATIENCE_S, ROOT, Master, Simulator, python_with_rospy
 
 
+@pytest.mark.slow
 def test_the_arms_follow_a_robot_on_ros_1(master: Master, simulator: Simulator) -> None:  # noqa: ARG001
     python, prelude = python_with_rospy() or ("", "")
     words = ["mirror", "--ros1", "--rig", "psm", "--no-page", "--json", "--duration", "1.5"]

@@ -24,7 +24,7 @@ PRESS = "document.querySelector(`[data-trocar-send='${arguments[0]}']`).click()"
 PICKED = "return document.querySelector('.picked')?.innerText"
 #: Whether a node of the scene that all browsers share is drawn in this one.
 SHOWN = """
-const node = window.__viserMutable.nodeRefFromName[arguments[0]];
+const node = window.__viserMutable?.nodeRefFromName[arguments[0]];
 let meshes = 0;
 node?.traverseVisible(part => { meshes += Boolean(part.isMesh); });
 return meshes;

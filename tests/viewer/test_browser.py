@@ -142,6 +142,7 @@ def replayed(rig: str, stage: Stage) -> np.ndarray:
     return final_positions(loop)
 
 
+@pytest.mark.slow
 def test_another_arm_starts_at_its_own_set_points(browser: Browser) -> None:
     stage = Stage("two_psm_ecm")
 

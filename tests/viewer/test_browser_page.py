@@ -179,7 +179,12 @@ def test_a_card_of_the_gallery_ends_the_world_and_is_returned(browser: Browser) 
 
 
 @pytest.mark.parametrize(
-    ("width", "sliders", "table"), [(1500, True, True), (1100, True, False), (390, False, False)]
+    ("width", "sliders", "table"),
+    [
+        (1500, True, True),
+        pytest.param(1100, True, False, marks=pytest.mark.slow),
+        (390, False, False),
+    ],
 )
 def test_each_width_has_what_fits(
     browser: Browser, width: int, *, sliders: bool, table: bool

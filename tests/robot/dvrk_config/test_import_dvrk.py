@@ -297,6 +297,24 @@ def test_the_published_system_needs_none_of_the_dvrk_s_files(tmp_path: Path) -> 
             np.testing.assert_allclose(seen, lab.base(setup, q), atol=EXACT)
 
 
+@pytest.mark.parametrize("generation", ["Classic", "Si"])
+def test_the_arms_of_a_lab_s_cart_home_without_meeting(tmp_path: Path, generation: str) -> None:
+    import_dvrk(lab.lab(tmp_path / "in", generation), tmp_path / "rig.toml")
+    world = World(str(tmp_path / "rig.toml"))
+    arms = [world.arm(name) for name in ("PSM1", "PSM2", "PSM3", "ECM")]
+    for verb in ("disable", "enable", "home"):
+        for arm in arms:
+            getattr(arm, verb)()
+        world.step(100)
+    world.step(10000)
+    assert [(arm.operating_state().state, arm.operating_state().is_homed) for arm in arms] == [
+        ("ENABLED", True)
+    ] * 4
+    for arm in arms:
+        home = arm.joints.poses["home"][: len(arm.measured_jp())]
+        np.testing.assert_allclose(arm.measured_jp(), home, atol=2e-3)
+
+
 def test_a_real_si_s_file_has_potentiometers_and_the_dvrk_s_own_chains(tmp_path: Path) -> None:
     arms = [
         {

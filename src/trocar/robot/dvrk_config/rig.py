@@ -343,15 +343,17 @@ def _teleop(
 
 
 def _poses(lab: Lab, entries: list[Document], files: Files, model: Document) -> list[Document]:
-    """Return the poses "start" (of trocar's own rigs where it has the arms) and "home"."""
+    """Return the poses "start" and "home", of trocar's own rigs where it has the arms."""
     rows = {pose["name"]: pose["q_rad_m"] for pose in model["pose"]}
-    starts = dict(rows["start"])
+    starts, homes = dict(rows["start"]), dict(rows["home"])
     standard = bool(lab.setup)
     si = {arm.name for arm in lab.arms if arm.generation == "Si" and arm.type != "MTM"}
     if standard and si:  # tools drawn back: where a file's setup joints stand is the lab's
         apart = _model(SI_CART)["pose"]
-        drawn_back = next(pose for pose in apart if pose["name"] == "apart")["q_rad_m"]
-        starts |= {name: q for name, q in drawn_back.items() if name in si}
+        rows = next(pose for pose in apart if pose["name"] == "apart")["q_rad_m"]
+        drawn_back = {name: q for name, q in rows.items() if name in si}
+        starts |= drawn_back
+        homes |= drawn_back
     setup = {f"SUJ_{arm.name}": arm.q for arm in lab.setup}
     start: dict[str, list[float]] = {}
     home: dict[str, list[float]] = {}
@@ -371,6 +373,8 @@ def _poses(lab: Lab, entries: list[Document], files: Files, model: Document) -> 
                 at_home = given
             elif len(known_q) == len(lower):
                 at_home = known_q
+        elif standard and len(homes.get(name, ())) == len(lower):
+            at_home = np.array(homes[name])  # at the dVRK's yaw of 0 arms would meet
         home[name] = np.clip(at_home, lower, upper).tolist()
         use = name in starts and (standard or arm.type == "MTM") and name not in setup
         start[name] = np.clip(np.array(starts[name]), lower, upper).tolist() if use else home[name]
@@ -380,5 +384,9 @@ def _poses(lab: Lab, entries: list[Document], files: Files, model: Document) -> 
     source = "the file's simulated positions where it has them; the rest as trocar's own rigs"
     return [
         {"name": "start", "source": source, "q_rad_m": start},
-        {"name": "home", "source": "each arm's homing position", "q_rad_m": home},
+        {
+            "name": "home",
+            "source": "the dVRK's homing positions, or where arms on a cart do not meet",
+            "q_rad_m": home,
+        },
     ]

@@ -73,7 +73,8 @@ def drawing() -> list[Figure]:
         viewer_page.Page = KeptPage  # type: ignore[misc]  # levels are chosen from here
         viewer_page.serve(world, port=0, on_ready=on_ready, loop=loop)
 
-    threading.Thread(target=serve, daemon=True).start()
+    server = threading.Thread(target=serve, daemon=True)
+    server.start()
     ready.wait()
     over = threading.Event()
     mover = threading.Thread(target=move_psms, args=(loop, over))
@@ -84,6 +85,7 @@ def drawing() -> list[Figure]:
         over.set()
         mover.join()
         loop.stop()
+        server.join()  # it prints, which the end of the program would cut off
 
 
 def _measure(page: viewer_page.Page, url: str, loop: Loop) -> list[Figure]:

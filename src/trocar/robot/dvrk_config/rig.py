@@ -350,8 +350,8 @@ def _poses(lab: Lab, entries: list[Document], files: Files, model: Document) -> 
     si = {arm.name for arm in lab.arms if arm.generation == "Si" and arm.type != "MTM"}
     if standard and si:  # tools drawn back: where a file's setup joints stand is the lab's
         apart = _model(SI_CART)["pose"]
-        rows = next(pose for pose in apart if pose["name"] == "apart")["q_rad_m"]
-        drawn_back = {name: q for name, q in rows.items() if name in si}
+        away = next(pose for pose in apart if pose["name"] == "apart")["q_rad_m"]
+        drawn_back = {name: q for name, q in away.items() if name in si}
         starts |= drawn_back
         homes |= drawn_back
     setup = {f"SUJ_{arm.name}": arm.q for arm in lab.setup}

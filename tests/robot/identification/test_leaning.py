@@ -90,6 +90,30 @@ def test_identify_takes_how_an_arm_stands(
     assert found["30,0,0"]["pitch"] < 0.5 * found["0,0,0"]["pitch"]
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("rig", ["psm_si", "ecm_si"])
+def test_a_log_of_held_set_points_is_identified(
+    rig: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A motion of `excite`, as set-points at 200 Hz, by the arm's own controller."""
+    pytest.importorskip("clarabel", reason="clarabel is not installed: trocar[identify]")
+    stand = standing_arm(None, rig=rig)
+    plan = excite(stand.arm, 10.0, 1, candidates=20, up=stand.up)
+    world, held = World(rig), np.repeat(plan.q, 5, axis=0)
+    world.set_state(stand.name, plan.q[0])
+    found = world.play({stand.name: held}, every=1)
+    parts = found.positions[stand.name], found.velocities[stand.name], found.efforts[stand.name]
+    names = stand.arm.mechanism.joint_names
+    head = ["time", *(f"{n}_{part}" for part in ("position", "velocity", "effort") for n in names)]
+    table = np.column_stack([world.timestep * np.arange(len(held)), *parts])
+    path = tmp_path / "log.csv"
+    np.savetxt(path, table, delimiter=",", header=",".join(head), comments="")
+    out = ["-o", str(tmp_path / "own.toml"), "--json"]
+    assert main(["identify", str(path), "--rig", rig, *out]) == 0
+    (one,) = json.loads(capsys.readouterr().out)["logs"]
+    assert one["relative_rms_percent"]["roll"] < 20.0
+
+
 def test_the_direction_of_gravity_of_a_recorded_simulation_is_that_of_its_rig(
     tmp_path: Path, rig: Path
 ) -> None:

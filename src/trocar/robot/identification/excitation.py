@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from trocar.descriptions import ArmDescription
 from trocar.errors import InputError
-from trocar.robot.identification.drivetrains import structure
+from trocar.robot.identification.drivetrains import structure, weights
 from trocar.robot.identification.fit import Compressed, base_condition
 from trocar.robot.identification.regression import EffortModel, moving_bodies
 from trocar.robot.identification.rigid_body import UPRIGHT, JointMotion
@@ -22,8 +22,16 @@ Array = NDArray[np.float64]
 #: Harmonics of the base frequency. Source: Swevers et al. 1997, Optimal robot excitation and
 #: identification: five.
 HARMONICS = 5
+#: Amplitudes of the harmonics k fall as 1 / k^DECAY. Source: our own choice; accelerations of all
+#: harmonics are alike then. With 1 / k the fifth takes up the limit of acceleration: an ECM's slide
+#: would move by 9 % of its range, less than its stop elements slip, and condition numbers would be
+#: 1.1 to 3.5 times as large (60 candidates; PSM and ECM, Classic and Si, and MTMR).
+DECAY = 2
 #: Ratio of each joint's range and velocity limit that is used. Source: our own choice.
 USED = 0.8
+#: Least time of fading to rest at either end, and what it is prolonged by until velocities are
+#: within the limits [s]. Source: our own choice.
+FADE_S, LONGER_S = 1.0, 0.5
 #: Samples of a period at which a candidate is judged. Source: our own choice.
 JUDGED = 100
 #: Ratio of pivots below which a parameter has no effect whatever the motion. Source: our own
@@ -66,9 +74,11 @@ def excite(
     """Search a trajectory whose motions determine the base parameters well.
 
     Fourier series per joint (Source: Swevers et al. 1997); random series, the best of which is then
-    varied by ever smaller steps. Positions and velocities stay within 80 % of the limits, masters'
-    grippers, jaws and actuators that several joints move included; the first and last second of the
-    whole are faded to rest.
+    varied by ever smaller steps. One that slips the stop elements of more drivetrains both ways is
+    better, then one of a smaller condition number. Positions and velocities stay within 80 % of the
+    limits, masters' grippers, jaws and actuators that several joints move included. The first and
+    last second of the whole are faded to rest, or up to half of it each, as velocities may not pass
+    the limits.
 
     Args:
         arm: the arm with its tool
@@ -93,7 +103,7 @@ def excite(
     model = EffortModel(arm, moving_bodies(arm, joints), structure(arm))
     rng = np.random.default_rng(seed)
     best = _random(rng, count)
-    condition, rank = _judge(model, best, period_s, up)
+    condition, rank, slipping = _judge(model, best, period_s, up)
     first = condition
     for number in range(1, candidates):
         watch(number, candidates)
@@ -102,9 +112,9 @@ def excite(
         else:
             step = 0.5 * (1.0 - number / candidates)
             trial = best + step * _random(rng, count)
-        value, excited = _judge(model, trial, period_s, up)
-        if (excited, -value) > (rank, -condition):
-            best, condition, rank = trial, value, excited
+        value, excited, slips = _judge(model, trial, period_s, up)
+        if (excited, slips, -value) > (rank, slipping, -condition):
+            best, condition, rank, slipping = trial, value, excited, slips
     time = np.arange(round(repeats * period_s * rate_hz) + 1) / rate_hz
     q, qd = _faded(model.arm, best, time, period_s)
     return Excitation(joints, rate_hz, q, qd, condition, first, rank)
@@ -132,7 +142,7 @@ def trajectory_csv(excitation: Excitation) -> str:
 
 def _random(rng: np.random.Generator, count: int) -> Array:
     """Return sine and cosine coefficients, (2, HARMONICS, count); high harmonics are smaller."""
-    return rng.normal(size=(2, HARMONICS, count)) / np.arange(1, HARMONICS + 1)[:, None]
+    return rng.normal(size=(2, HARMONICS, count)) / np.arange(1, HARMONICS + 1)[:, None] ** DECAY
 
 
 def _series(
@@ -176,12 +186,19 @@ def _derivative(series: Array, time: Array, period_s: float, order: int) -> Arra
 def _faded(arm: ArmDescription, series: Array, time: Array, period_s: float) -> tuple[Array, Array]:
     """Return positions and velocities that begin and end at rest in the middle of the ranges."""
     q, qd, _ = _series(arm, series, time, period_s)
-    middle = q.mean(axis=0) if len(q) < 2 else _middle(arm, series, period_s)
-    x = np.clip(np.minimum(time, time[-1] - time), 0.0, 1.0)[:, None]
+    apart = q - _middle(arm, series, period_s)
+    most = np.array([joint.velocity_max for joint in arm.joints[: q.shape[1]]])
+    from_end = np.minimum(time, time[-1] - time)[:, None]
     side = np.where(time < 0.5 * time[-1], 1.0, -1.0)[:, None]
-    fade = x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
-    rate = np.where(x < 1.0, 30.0 * x**2 * (1.0 - x) ** 2, 0.0) * side
-    return middle + fade * (q - middle), fade * qd + rate * (q - middle)
+    fade_s = FADE_S
+    while True:
+        x = np.clip(from_end / fade_s, 0.0, 1.0)
+        fade = x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
+        rate = np.where(x < 1.0, 30.0 * x**2 * (1.0 - x) ** 2, 0.0) * side / fade_s
+        speed = fade * qd + rate * apart
+        fade_s += LONGER_S
+        if (np.abs(speed) <= most).all() or fade_s > 0.5 * time[-1]:
+            return q + (fade - 1.0) * apart, speed
 
 
 def _middle(arm: ArmDescription, series: Array, period_s: float) -> Array:
@@ -189,8 +206,13 @@ def _middle(arm: ArmDescription, series: Array, period_s: float) -> Array:
     return _series(arm, series, period, period_s)[0].mean(axis=0)
 
 
-def _judge(model: EffortModel, series: Array, period_s: float, up: Array) -> tuple[float, int]:
-    """Return the condition number and the number of base parameters that a series excites."""
+def _judge(model: EffortModel, series: Array, period_s: float, up: Array) -> tuple[float, int, int]:
+    """Judge a series.
+
+    Returns:
+        the condition number, and the numbers of base parameters that the series excites and of
+        drivetrains whose stop elements all slip both ways
+    """
     time = np.linspace(0.0, period_s, JUDGED, endpoint=False)
     parts = _series(model.arm, series, time, period_s)
     count = series.shape[2]
@@ -205,4 +227,9 @@ def _judge(model: EffortModel, series: Array, period_s: float, up: Array) -> tup
     # as large as the effort limits let it be
     limits = np.array([joint.effort_max for joint in model.arm.joints[:count]])
     rows = (inertial / limits[:, None]).reshape(-1, inertial.shape[-1])
-    return base_condition(Compressed.of(rows, np.zeros(len(rows)), 1.0), STRUCTURAL)
+    condition, rank = base_condition(Compressed.of(rows, np.zeros(len(rows)), 1.0), STRUCTURAL)
+    slipping = sum(
+        float(np.ptp(q @ weights(train, model.arm))) > 2.0 * max(train.stop_limits, default=0.0)
+        for train in model.trains.values()
+    )
+    return condition, rank, slipping

@@ -362,7 +362,8 @@ def identify(
             raise LogError(
                 ", ".join(found.logs),
                 f"efforts: {name}: no arm of this kind explains {ratio:.0%} of them; allowed:"
-                f" {UNEXPLAINED:.0%} (are columns swapped, or is a unit or a sign wrong?"
+                f" {UNEXPLAINED:.0%} (are columns swapped, is a unit or a sign wrong, or were held"
+                " set-points sampled in step with them? Log faster than they come;"
                 f" --keep {name} leaves it as described)",
             )
     if weak := _undetermined(found, logs, problem):

@@ -33,6 +33,11 @@ CUT_S = 1.0
 #: Highest rate to which motions with times are resampled, and rate above which they are [Hz].
 #: Source: the published logs have 200 Hz; ten times the cut-off of the filters.
 USUAL_HZ, FAST_HZ = 200.0, 250.0
+#: Cut-off of the zero-phase filter ahead of fewer samples a second, as a ratio of their rate. A
+#: set-point that is held makes a saw of the efforts, whose harmonics fold onto constant ones where
+#: samples are in step with it. Source: our own choice; of what has the rate of the samples, 1e-5 is
+#: left, and of what is compared behind 17 Hz nothing is lost.
+KEPT = 0.4
 #: Longest gap that is filled in, in usual steps; longer ones end a piece. Source: our own choice,
 #: 25 ms at 200 Hz, within which the filters leave nothing.
 LOST_STEPS = 5.0
@@ -276,7 +281,7 @@ def _even_rows(
     if motion.timed:
         rate = rate_hz or (USUAL_HZ if own > FAST_HZ else own)
     cut = [one for piece in motion.pieces() for one in piece.cut_at(LOST_STEPS / own).pieces()]
-    even = [one.at_rate(rate).rows for one in cut if len(one.times) > 1]
+    even = [_resampled(one, own, rate) for one in cut if len(one.times) > 1]
     long = [rows for rows in even if len(rows) >= SHORTEST_S * rate]
     used = long or even[:1]  # its length is refused
     starts = np.cumsum([0, *(len(rows) for rows in used[:-1])]).tolist()
@@ -288,6 +293,20 @@ def _even_rows(
             f" {len(cut)} pieces, of {SHORTEST_S:g} s or more each"
         )
     return np.concatenate(used), rate, tuple(starts), words
+
+
+def _resampled(piece: ArmMotion, own_hz: float, rate_hz: float) -> Array:
+    """Return an uninterrupted piece, whose own rate is given, at another one, (k, 3, n)."""
+    even = piece.at_rate(rate_hz)
+    if rate_hz >= own_hz or len(even.rows) < SHORTEST_S * rate_hz:
+        return even.rows
+    even = piece.at_rate(own_hz)
+    return replace(even, rows=_decimable(even.rows, own_hz, rate_hz)).at_rate(rate_hz).rows
+
+
+def _decimable(values: Array, own_hz: float, rate_hz: float) -> Array:
+    """Return samples, (k, ...), without what would fold at a lower rate."""
+    return low_pass(values, KEPT * rate_hz, own_hz, FilterSettings())
 
 
 def filtered(log: Log, arm: ArmDescription, settings: FilterSettings) -> FilteredLog:
@@ -359,6 +378,7 @@ def _own_rows(file: str, arm: ArmDescription, name: str) -> tuple[Array, float, 
 
     An effort acts during the step that ends at its row: efforts are means of the steps before and
     after. Half a step of delay would take inertia times jerk for 9 % of a yaw's viscous friction.
+    What the steps of held set-points and of gravity compensation do between rows is averaged.
     """
     recorded = open_recording(file)
     joints = recorded_joints(arm)
@@ -377,6 +397,8 @@ def _own_rows(file: str, arm: ArmDescription, name: str) -> tuple[Array, float, 
     effort = 0.5 * (states.effort + np.concatenate([states.effort[1:], states.effort[-1:]]))
     rows = np.stack([states.position, states.velocity, effort], axis=1)
     rate_hz = 1.0 / (every * recorded.timestep)
+    if every > 1 and len(rows) >= SHORTEST_S * every * rate_hz:
+        rows = _decimable(rows, every * rate_hz, rate_hz)
     return rows[::every, :, order], rate_hz, _recorded_up(recorded, fitting[0].name)
 
 

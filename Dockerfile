@@ -5,7 +5,7 @@ FROM python:3.12-slim
 
 # OpenGL without a display or a graphics card, for images of the endoscope.
 RUN apt-get update \
-    && apt-get install --yes --no-install-recommends libegl1 libgl1-mesa-dri \
+    && apt-get install --yes --no-install-recommends libegl1 libgl1 libgl1-mesa-dri \
     && rm -rf /var/lib/apt/lists/*
 
 WORKDIR /opt/trocar

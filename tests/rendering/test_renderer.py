@@ -117,7 +117,7 @@ def test_without_opengl_the_debian_packages_are_named(monkeypatch: pytest.Monkey
 
     monkeypatch.setattr(moderngl, "create_context", fail)
     with pytest.raises(
-        TrocarError, match=r"libEGL.so not loaded .*apt install libegl1 libgl1-mesa-dri"
+        TrocarError, match=r"libEGL.so not loaded .*apt install libegl1 libgl1 libgl1-mesa-dri"
     ):
         Renderer(lambda: (1, SHAPES))
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import moderngl
 
 #: Packages that install OpenGL, with or without a graphics card.
-PACKAGES = "on Debian and Ubuntu: sudo apt install libegl1 libgl1-mesa-dri"
+PACKAGES = "on Debian and Ubuntu: sudo apt install libegl1 libgl1 libgl1-mesa-dri"
 #: Least version of OpenGL, which draws many parts by one call. Source: the OpenGL 4.3
 #: specification, 10.4.
 VERSION = 430

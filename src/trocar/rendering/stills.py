@@ -155,7 +155,7 @@ def _draw(
     except Exception as problem:  # each of MuJoCo's backends fails in its own way
         raise TrocarError(
             f"no OpenGL to draw with: {problem}"
-            " (on Debian and Ubuntu: sudo apt install libegl1 libgl1-mesa-dri)"
+            " (on Debian and Ubuntu: sudo apt install libegl1 libgl1 libgl1-mesa-dri)"
         ) from problem
     scene = mujoco.MjvScene(model, maxgeom=model.ngeom + 100)
     scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from benchmarks.genuine import arms, psm, teleoperation
+from benchmarks.genuine import arms, cart, psm, teleoperation
 from benchmarks.genuine.steps import Parts
 from benchmarks.genuine.walks import WALKS
 
@@ -48,6 +48,7 @@ PLANS = {
     "mtm": Plan("MTMR", "mtm", "system-MTMR_Classic_KIN_SIMULATED.json", arms.MTM, MASTER),
     "ecm": Plan("ECM", "ecm", "system-ECM_Classic_KIN_SIMULATED.json", arms.ECM),
     "psm-si": Plan("PSM1", "", "system-PSM1_Si_KIN_SIMULATED.json", arms.KINEMATICS),
+    "cart-si": Plan("PSM1", "", "system-patient-cart-Si-simulated.json", cart.CART, cart.TOPICS),
     "suj": Plan("SUJ/PSM1", "full_cart_mtm", FULL, arms.SUJ),
     "teleoperation": Plan("PSM1", "full_cart_mtm", FULL, teleoperation.PARTS, teleoperation.TOPICS),
     **{name: Plan("PSM1", "psm", PSM1, parts, JAW, SEEDS[name]) for name, parts in WALKS.items()},

@@ -29,6 +29,7 @@ def core() -> Core:
         ("dvrk/PSM1/state_jaw_current", "pub", "PSM1/jaw/measured_js"),
         ("dvrk/PSM1/position_cartesian_current", "pub", "PSM1/measured_cp"),
         ("rviz/markers", "sub", ""),
+        ("MTMR/trajectory_j/ratio", "sub", ""),  # of a robot beside the simulated one
         ("x" * 5000, "sub", ""),
     ],
 )

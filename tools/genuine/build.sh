@@ -49,6 +49,11 @@ kit=$src/sawIntuitiveResearchKit/core/components
 sed -i '/^ *cisstInteractive$/d' "$kit/CMakeLists.txt"
 sed -i "s|<cisstInteractive/ireTask.h>|\"$here/ireTask.h\"|" "$kit/code/system.cpp"
 
+# Setup joints of an Si need gattlib, which CMake would fetch: functions that never connect stand in.
+sed -i -e '/ExternalProject_Add (gattlib/,/^ *)$/d' -e '/set (gattlib_LIBRARIES/d' \
+    -e '/add_dependencies.*gattlibExternal/d' "$kit/CMakeLists.txt"
+sed -i "s|<gattlib.h>|\"$here/gattlib.h\"|" "$kit/code/mtsIntuitiveResearchKitSUJSi.cpp"
+
 # Without optimisation: CLAPACK's slamch and dlamch measure the arithmetic and may not be optimised.
 part netlib "$src/cisstNetlib" -DCMAKE_BUILD_TYPE= -DCMAKE_INSTALL_PREFIX="$ROOT/install"
 quiet netlib make -j"$jobs"
@@ -75,7 +80,7 @@ parts=(
     -DsawControllers_DIR="$build/controllers/components"
     -DsawRobotIO1394_DIR="$build/io"
 )
-part kit "$kit" "$cisst" "${parts[@]}" -DsawIntuitiveResearchKit_HAS_SUJ_Si=OFF \
+part kit "$kit" "$cisst" "${parts[@]}" -DsawIntuitiveResearchKit_HAS_SUJ_Si=ON \
     -DsawIntuitiveResearchKit_HAS_HID_HEAD_SENSOR=OFF
 quiet kit make -j"$jobs"
 link kit

@@ -49,6 +49,9 @@ SIMILAR = 0.7
 def nearest_topic(name: str, topics: Mapping[str, Topic], direction: Direction) -> str:
     """Return the served topic that a name without a leading slash stands for, "" without one.
 
+    What a client publishes as an arm does, such as MTMR/trajectory_j/ratio beside a simulated PSM1,
+    is another robot's own.
+
     Args:
         name: that no topic has
         topics: of the simulator, by name
@@ -56,6 +59,11 @@ def nearest_topic(name: str, topics: Mapping[str, Topic], direction: Direction) 
     """
     known = [one.name for one in topics.values() if one.direction == direction and not one.later]
     parts = name.split("/")
+    if direction == "sub" and any(
+        one.direction == "pub" and one.name.split("/")[1:] == parts[1:] != []
+        for one in topics.values()
+    ):
+        return ""
     for start in range(len(parts)):
         tail = "/".join(parts[start:])
         for former in (tail, _renamed(tail)):

@@ -348,7 +348,9 @@ def _conventions(path: Path, unit: str, up: str) -> tuple[float, Array, list[str
     if up and own_up is not None and own_up != up:
         notes.append(f"--up {up} replaces the file's up axis {own_up}")
     elif axis != "z" and not up:
-        notes.append(f"the file's up axis {axis} turned to z (--up z keeps it)")
+        notes.append(
+            f"the file's up axis {axis} turned to z, as RViz and Gazebo do not (--up z keeps it)"
+        )
     return metres, UP[axis], notes
 
 

@@ -34,7 +34,7 @@ MODEL_KEYS = ("model_type", "cam_model", "Camera.type", "camera_model", "distort
 MODELS = ("pinhole", "rectified", "radtan", "plumb_bob", "rational_polynomial", "none")
 #: Tables of camodocal.
 TABLES = ("projection_parameters", "distortion_parameters")
-#: What ROS and OpenCV call an eye's size, matrix, coefficients and rectification in ORB-SLAM2.
+#: {key of ORB-SLAM2: that of ROS} of an eye's size, matrix, coefficients and rectification.
 SIDE = {
     "width": "image_width",
     "height": "image_height",

@@ -361,8 +361,29 @@ def test_a_fault_of_a_pair_is_named(p: str, message: str, tmp_path: Path) -> Non
 
 def test_exchanged_eyes_are_found(tmp_path: Path) -> None:
     left, right = pair(tmp_path)
-    with pytest.raises(DescriptionError, match=r"allowed: 0 of the left eye. Are they exchanged"):
+    with pytest.raises(
+        DescriptionError, match=r"left of the left one; .* name the other one first"
+    ):
         load_camera([right, left])
+
+
+def test_eyes_calibrated_under_exchanged_names_are_read_in_the_other_order(tmp_path: Path) -> None:
+    left, right = pair(tmp_path, right=BY_HAND.replace("320, 0, 0", f"320, {663.774 * 5e-3}, 0"))
+    with pytest.raises(DescriptionError, match="name the other one first"):
+        load_camera([left, right])
+    camera = load_stereo_camera([right, left])
+    np.testing.assert_allclose(camera.T_left_right[:3, 3], [5e-3, 0.0, 0.0], atol=1e-15)
+    first, second = camera_infos(camera)
+    assert first.P[0, 3] == 0.0
+    assert second.P[0, 3] == pytest.approx(-663.774 * 5e-3)
+
+
+def test_two_files_of_one_eye_each_are_no_pair(tmp_path: Path) -> None:
+    """Opposite of a right eye that is left out in silence."""
+    eye = {"image_width": 640, "image_height": 480, "camera_matrix": K_LEFT.copy()}
+    files = [opencv_file(tmp_path / f"{side}.yml", eye) for side in ("left", "right")]
+    with pytest.raises(DescriptionError, match="nothing of the pose between the eyes"):
+        load_camera(files)
 
 
 def test_eyes_above_each_other_are_rejected(tmp_path: Path) -> None:
@@ -419,8 +440,8 @@ def test_what_is_no_yaml_is_rejected_with_its_line(text: str, message: str, tmp_
 def test_files_that_are_not_there_or_something_else_are_rejected(tmp_path: Path) -> None:
     with pytest.raises(DescriptionError, match=r"none.yaml: cannot be read"):
         load_camera(tmp_path / "none.yaml")
-    with pytest.raises(DescriptionError, match=r"scope.json: is no calibration; allowed: .toml, "):
-        load_camera(tmp_path / "scope.json")
+    with pytest.raises(DescriptionError, match=r"scope.npz: is no calibration; allowed: .toml, "):
+        load_camera(tmp_path / "scope.npz")
     with pytest.raises(InputError, match="got 3 files; allowed: one, or left and right"):
         load_camera(["a.yaml", "b.yaml", "c.yaml"])
 

@@ -163,3 +163,21 @@ def test_a_file_that_is_no_xml_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.dae").write_text("<COLLADA><asset></COLLADA>", encoding="utf-8")
     with pytest.raises(ImportFileError, match=r"a.dae: is no XML: mismatched tag: line 1"):
         read_surface(tmp_path / "a.dae")
+
+
+def test_decimal_commas_are_read_as_points(tmp_path: Path) -> None:
+    """Exporters write the numbers of the language in which Windows runs."""
+    file = write(tmp_path / "a.dae")
+    text = file.read_text(encoding="utf-8").replace(CORNERS, CORNERS.replace("1", "0,5"))
+    file.write_text(text, encoding="utf-8")
+    assert is_the_cube(file, size=1.0)
+    assert "a.dae: decimal commas read as points" in read_surface(file).notes
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_the_unit_is_read_in_every_encoding(encoding: str, tmp_path: Path) -> None:
+    file = write(tmp_path / "a.dae")
+    text = file.read_text(encoding="utf-8").replace("<asset>", '<asset><unit meter="0.01"/>')
+    text = text.replace('<?xml version="1.0"?>', f'<?xml version="1.0" encoding="{encoding[:6]}"?>')
+    file.write_text(text.replace('"utf-8-"', '"utf-8"'), encoding=encoding)
+    assert is_the_cube(file, size=0.02)

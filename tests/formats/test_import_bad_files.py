@@ -16,8 +16,8 @@ from trocar.formats.importing import ImportOptions, import_file
 FAULTS = [
     (
         '<link name="base">',
-        '<wheel/><link name="base">',
-        r"robot.urdf:3: <wheel> is unknown inside",
+        '<lnk/><link name="base">',
+        r"robot.urdf:3: <lnk> is unknown inside <robot>: did you mean <link>",
     ),
     ("<mass value", "<weight value", r"<weight> is unknown inside <inertial>|lacks <mass>"),
     ('<parent link="base"/>', '<parent link="floor"/>', "names link 'floor'; known: base"),

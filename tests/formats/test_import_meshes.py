@@ -132,3 +132,34 @@ def test_a_name_without_a_folder_is_looked_for_in_package_folders(tmp_path: Path
         import_file(file, tmp_path / "out")
     options = ImportOptions(packages=(tmp_path / "meshes",))
     assert import_file(file, tmp_path / "out", options).triangles >= 12
+
+
+def test_a_scan_of_points_alone_is_told_of_surfaces(tmp_path: Path) -> None:
+    rows = "0 0 0\n1 0 0\n0 1 0\n"
+    head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+    text = f"{head}property float z\nend_header\n{rows}"
+    (tmp_path / "scan.ply").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match="has 3 points or lines and no triangles; allowed: a surf"):
+        import_file(tmp_path / "scan.ply", tmp_path / "out")
+
+
+def test_a_triangle_without_its_corner_is_an_error(tmp_path: Path) -> None:
+    file = tmp_path / "a.glb"
+    scene = trimesh.Scene(trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]))
+    data = scene.export(file_type="glb")
+    assert isinstance(data, bytes)
+    index = data.index(
+        (0).to_bytes(4, "little") + (1).to_bytes(4, "little") + (2).to_bytes(4, "little")
+    )
+    file.write_bytes(data[:index] + (9).to_bytes(4, "little") + data[index + 4 :])
+    with pytest.raises(InputError, match="has a triangle at corner 9; allowed: 0 to 2"):
+        import_file(file, tmp_path / "out")
+
+
+def test_a_surface_that_is_flat_but_for_rounding_has_no_hull(tmp_path: Path) -> None:
+    flat = trimesh.Trimesh(
+        [[0, 0, 0], [1, 0, 1e-16], [1, 1, 0], [0, 1, 1e-16]], [[0, 1, 2], [0, 2, 3]]
+    )
+    flat.export(tmp_path / "flat.obj")
+    with pytest.raises(InputError, match="planar or linear"):
+        import_file(tmp_path / "flat.obj", tmp_path / "out", ImportOptions(hull=True))

@@ -1,4 +1,4 @@
-"""Calibration files of ROS and OpenCV: YAML, INI or XML with the calibration of one eye or of two.
+"""Calibration files of ROS and OpenCV: YAML, INI, XML or JSON, of one eye or of two.
 
 ROS has a file of camera_info for each eye. Where two come together, the pose between the eyes is in
 their R and P: both pictures are turned into the same axes by R, and in these the right eye stands
@@ -27,11 +27,13 @@ from typing import Any, Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.cameras.calibration_layouts import with_common_keys
 from trocar.cameras.calibration_text import (
     NUMBERS,
     Keys,
     numbers_of,
     parse_ini,
+    parse_json,
     parse_xml,
     parse_yaml,
 )
@@ -92,7 +94,7 @@ OPENCV_IDLE = (
 #: Least similarity of a misspelled key, 0 to 1. Source: our own choice.
 SIMILAR = 0.8
 #: Endings of files.
-SUFFIXES = (".yaml", ".yml", ".xml", ".ini", ".txt")
+SUFFIXES = (".yaml", ".yml", ".xml", ".json", ".ini", ".txt")
 
 
 def read_calibration(paths: Sequence[Path]) -> Calibration:
@@ -118,6 +120,13 @@ def read_calibration(paths: Sequence[Path]) -> Calibration:
     files = f"{first.file}, {second.file}"
     if _is_ros(first) or _is_ros(second):
         raise DescriptionError(files, "", "one is ROS's and one is OpenCV's; allowed: a pair")
+    if first.has(*OPENCV_ONE[0]) and second.has(*OPENCV_ONE[0]):
+        raise DescriptionError(
+            files,
+            "",
+            f"have a {OPENCV_ONE[0][0]} each, and nothing of the pose between the eyes; allowed:"
+            " one eye's file, ROS's of both, or one with M1, D1, M2, D2, R and T",
+        )
     return _calibration_from_opencv(_Entries(second.data | first.data, files))
 
 
@@ -171,13 +180,16 @@ class _Entries:
         return next((plain[_plain(key)] for key in keys if _plain(key) in plain), None)
 
     def warn_of_others(self, *known: str) -> None:
-        """Warn of unknown keys."""
+        """Warn of unknown keys, once."""
         plain = {_plain(key): key for key in known}
+        found: list[str] = []
         for key in self.data:
             if _plain(str(key)) not in plain:
                 near = get_close_matches(_plain(str(key)), plain, n=1, cutoff=SIMILAR)
-                hint = f" (did you mean {plain[near[0]]}?)" if near else ""
-                _log.warning("%s: unknown key, ignored: %s%s", self.file, key, hint)
+                found.append(f"{key} (did you mean {plain[near[0]]}?)" if near else str(key))
+        if found:
+            word = "key" if len(found) == 1 else "keys"
+            _log.warning("%s: unknown %s, ignored: %s", self.file, word, ", ".join(found))
 
     def fail(self, key: str, problem: str) -> DescriptionError:
         """Return the error that names this file, the entry and what is wrong with it."""
@@ -293,27 +305,26 @@ def _stereo_from_ros(left: _Entries, right: _Entries) -> StereoCalibration:
     """
     turns = tuple(_rectification(entries) for entries in (left, right))
     (f, x), (f_right, x_right) = ((t.P[0, 0], t.P[0, 3]) for t in turns)
-    if x != 0.0 or turns[0].P[1, 3] != 0.0:
-        raise left.fail(
-            ROS_PROJECTION[0],
-            f"got P[0, 3] = {x:g}; allowed: 0 of the left eye. Are they exchanged?",
-        )
-    if x_right == 0.0:
-        raise right.fail(
-            ROS_PROJECTION[0],
-            "got P[0, 3] = 0, which is a baseline of 0; allowed: -fx * baseline of the right eye",
-        )
-    if turns[1].P[1, 3] != 0.0:
-        raise right.fail(
-            ROS_PROJECTION[0],
-            f"got P[1, 3] = {turns[1].P[1, 3]:g}: the eyes lie above each other; allowed: side by"
-            " side",
-        )
     if abs(f - f_right) > ROUNDED * f:
         raise right.fail(
             ROS_PROJECTION[0], f"got fx = {f_right:g}, the left eye's is {f:g}; allowed: the same"
         )
-    shift = turns[0].R.T @ np.array([-x_right / f_right, 0.0, 0.0])
+    for entries, turn in zip((left, right), turns, strict=True):
+        if turn.P[1, 3] != 0.0:
+            raise entries.fail(
+                ROS_PROJECTION[0],
+                f"got P[1, 3] = {turn.P[1, 3]:g}: the eyes lie above each other; allowed: side by"
+                " side",
+            )
+    if x_right == x:
+        raise right.fail(
+            ROS_PROJECTION[0],
+            f"got P[0, 3] = {x_right:g}, which is a baseline of 0; allowed: -fx * baseline of the"
+            " right eye",
+        )
+    # Of eyes that were calibrated under exchanged names, the first has the P[0, 3] that is not 0.
+    turns = tuple(Rectification(t.R, _moved(t.P, -x)) for t in turns) if x else turns
+    shift = turns[0].R.T @ np.array([(x - x_right) / f_right, 0.0, 0.0])
     T = transform(turns[0].R.T @ turns[1].R, shift)
     try:
         return StereoCalibration(
@@ -328,6 +339,13 @@ def _stereo_from_ros(left: _Entries, right: _Entries) -> StereoCalibration:
         raise
     except InputError as problem:
         raise DescriptionError(f"{left.file}, {right.file}", "", str(problem)) from problem
+
+
+def _moved(P: Array, by: float) -> Array:
+    """Return a projection (3, 4) with a number added to P[0, 3]."""
+    moved = P.copy()
+    moved[0, 3] += by
+    return moved
 
 
 def _ros_texts(calibration: Calibration) -> tuple[str, ...]:
@@ -415,10 +433,13 @@ def _calibration_from_opencv(entries: _Entries) -> Calibration:
     Raises:
         DescriptionError: naming file, entry, what was got and what is allowed
     """
+    single = not entries.has(*OPENCV_LEFT[0]) and not entries.has(*OPENCV_RIGHT[0])
+    for names in (OPENCV_ONE,) if single else (OPENCV_LEFT, OPENCV_RIGHT):
+        entries.matrix(3, 3, *names[0])  # a file of something else lacks it, with unknown keys only
     eyes = (*OPENCV_ONE, *OPENCV_LEFT, *OPENCV_RIGHT)
     known = (name for names in (*eyes, OPENCV_SIZES, OPENCV_IDLE) for name in names)
     entries.warn_of_others(*known, "image_width", "image_height")
-    if not entries.has(*OPENCV_LEFT[0]) and not entries.has(*OPENCV_RIGHT[0]):
+    if single:
         return MonoCalibration(_opencv_eye(entries, OPENCV_ONE), "", entries.file)
     left, right = _opencv_eye(entries, OPENCV_LEFT), _opencv_eye(entries, OPENCV_RIGHT)
     T_right_left = transform(entries.rotation("R"), entries.matrix(3, 1, "T")[:, 0])
@@ -483,7 +504,7 @@ def _opencv_size(entries: _Entries) -> tuple[int, int]:
 
 
 def _read_entries(path: Path) -> list[_Entries]:
-    """Return the keys of a file's cameras; one but for ROS's INI, which may have two."""
+    """Return the keys of a file's cameras; two of ROS's INI and ORB-SLAM2, else one."""
     kind, file = path.suffix.lower(), str(path)
     if kind not in SUFFIXES:
         raise DescriptionError(
@@ -500,6 +521,9 @@ def _read_entries(path: Path) -> list[_Entries]:
         found = parse_ini(text, file)
     elif kind == ".xml":
         found = [parse_xml(text, file)]
+    elif kind == ".json":
+        found = [parse_json(text, file)]
     else:
         found = [parse_yaml(text, file)]
-    return [_Entries(keys, file) for keys in found]
+    named = (one for keys in found for one in with_common_keys(keys, file))
+    return [_Entries(keys, file) for keys in named]

@@ -1,13 +1,14 @@
-"""Texts of calibration files as keys and values: YAML, OpenCV's XML, ROS's INI.
+"""Texts of calibration files as keys and values: YAML, JSON, OpenCV's XML, ROS's INI.
 
 Matrices are lists, or {rows, cols, data}; a file of ROS's INI may hold two cameras.
 
-Source: OpenCV 4, core, FileStorage (YAML and XML); ROS, camera_calibration_parsers (YAML and INI,
+Source: OpenCV 4, core, FileStorage (YAML, XML, JSON); ROS, camera_calibration_parsers (YAML, INI,
 "oST version 5.0 parameters") and camera_calibration, which writes one INI text of both eyes.
 """
 
 from __future__ import annotations
 
+import json
 import re
 from functools import lru_cache
 from typing import Any, cast
@@ -102,6 +103,27 @@ def _element(node: ElementTree.Element) -> Any:
     return found[0] if len(found) == 1 and node.tag != "data" else found
 
 
+def parse_json(text: str, file: str) -> Keys:
+    """Return keys and values of a JSON file.
+
+    Raises:
+        DescriptionError: it is no JSON, or holds no keys; file and line are named
+    """
+    try:
+        value = json.loads(text)
+    except json.JSONDecodeError as problem:
+        raise DescriptionError(
+            file, f"line {problem.lineno}", f"is not JSON: {problem.msg}"
+        ) from problem
+    except RecursionError as problem:
+        raise DescriptionError(file, "", "is not JSON: is nested too deeply") from problem
+    if excess := excess_of(value):
+        raise DescriptionError(file, "", excess)
+    if not isinstance(value, dict):
+        raise DescriptionError(file, "", got(value, "keys with values"))
+    return cast(Keys, value)
+
+
 def numbers_of(text: str) -> list[Any]:
     """Return the numbers in a text, and as texts the words that are not numbers."""
     found: list[Any] = []
@@ -123,8 +145,11 @@ def parse_yaml(text: str, file: str) -> Keys:
     import yaml  # takes 10 ms; presets need none
 
     try:
-        # OpenCV writes "%YAML:1.0", which is not YAML's "%YAML 1.0"; a comment keeps line numbers.
-        documents: list[object] = list(yaml.load_all(re.sub(r"^%YAML:", "#", text), _loader()))
+        # OpenCV writes "%YAML:1.0", which is not YAML's "%YAML 1.0", and reads "data:[1, 2]" and
+        # "width:640", which YAML takes for words; lines keep their numbers.
+        text = re.sub(r"^%YAML:", "#", text)
+        text = re.sub(r"^([ \t]*[\w.]+):(?=[-\d.\[])", r"\1: ", text, flags=re.MULTILINE)
+        documents: list[object] = list(yaml.load_all(text, _loader()))
     except yaml.MarkedYAMLError as problem:
         mark = problem.problem_mark
         where = f"line {mark.line + 1}" if mark is not None else ""

@@ -297,7 +297,8 @@ def _check_intrinsics(
     if fold is not None:
         raise InputError(
             f"distortion: {_shown(coefficients)} folds the image inside the view, at pixel"
-            f" ({fold[0]:.0f}, {fold[1]:.0f}) of {width}x{height}; allowed: one point to one pixel"
+            f" ({fold[0]:.0f}, {fold[1]:.0f}) of {width}x{height}; allowed: one point to one pixel."
+            " Calibrate with boards in the corners of the images, or with fewer coefficients"
         )
     return k, coefficients
 
@@ -321,7 +322,7 @@ def _check_baseline(T_left_right: Array) -> None:
     if shift[0] <= 0.0:
         raise InputError(
             f"baseline: the right eye is {-1e3 * shift[0]:g} mm left of the left one; allowed: to"
-            " its right. Are the eyes exchanged?"
+            " its right. Are the eyes exchanged? Then name the other one first"
         )
     if shift[0] < 0.5 * baseline:
         raise InputError(

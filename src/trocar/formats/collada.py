@@ -9,6 +9,7 @@ Source: Khronos, COLLADA 1.4.1 and 1.5.0 specifications.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree
@@ -16,6 +17,12 @@ from xml.etree.ElementTree import Element
 
 from trocar.formats.links import ImportFileError
 
+#: Elements of numbers, and a decimal comma in one.
+NUMBERS = (
+    *("float_array", "matrix", "translate", "rotate", "scale", "lookat", "skew", "color", "float"),
+    "bind_shape_matrix",
+)
+COMMA = re.compile(r"(?<=\d),(?=\d)")
 #: Shading models of an effect's common profile.
 SHADERS = ("constant", "lambert", "phong", "blinn")
 
@@ -37,7 +44,7 @@ def mended_collada(path: Path) -> tuple[bytes, list[str]]:
     except ElementTree.ParseError as problem:
         raise ImportFileError(str(path), f"is no XML: {problem}") from None
     file = _Document(root)
-    notes = [*file.mend_images(), *file.mend_materials()]
+    notes = [*file.mend_commas(), *file.mend_images(), *file.mend_materials()]
     file.instance_skins()
     file.instance_scene()
     if file.namespace:
@@ -74,6 +81,14 @@ class _Document:
         made = ElementTree.SubElement(within, self._tag(name), attributes)
         self._parent[made] = within
         return made
+
+    def mend_commas(self) -> Iterator[str]:
+        """Write decimal commas as points: programs of some languages save them."""
+        found = [e for name in NUMBERS for e in self._all(name) if COMMA.search(e.text or "")]
+        for inside in found:
+            inside.text = COMMA.sub(".", inside.text or "")
+        if found:
+            yield "decimal commas read as points"
 
     def mend_images(self) -> Iterator[str]:
         """Take out images without a file, and what refers to them."""

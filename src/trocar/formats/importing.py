@@ -134,7 +134,7 @@ def import_file(
     corners = [_corners(shape, at[link.name]) for link in model.links for shape in link.shapes]
     size = np.ptp(np.concatenate(corners), axis=0) if corners else np.zeros(3)
     if corners:
-        check_size(float(size.max()), str(source))
+        check_size(float(size.max()), str(source), robot=source.suffix.lower() not in SUFFIXES)
     head = {
         "name": name,
         "title": f"{model.name}, imported",
@@ -175,8 +175,8 @@ def import_file(
     )
 
 
-def check_size(extent: float, file: str) -> None:
-    """Reject a size [m] outside of SMALLEST_M to LARGEST_M.
+def check_size(extent: float, file: str, *, robot: bool = False) -> None:
+    """Reject a size [m] outside of SMALLEST_M to LARGEST_M; robot files are in metres.
 
     Raises:
         InputError: the message names the units in which the size would be plausible
@@ -188,7 +188,8 @@ def check_size(extent: float, file: str) -> None:
         for unit, metres in (("mm", 1e-3), ("cm", 1e-2), ("in", 0.0254), ("m (of mm)", 1e3))
         if SMALLEST_M <= extent * metres <= LARGEST_M
     ]
-    hint = f"; in {fits[0]} it would be plausible: --unit {fits[0].split()[0]}" if fits else ""
+    way = 'scale="..." of its <mesh>' if robot else f"--unit {fits[0].split()[0]}" if fits else ""
+    hint = f"; in {fits[0]} it would be plausible: {way}" if fits else ""
     raise InputError(
         f"{file}: got a size of {extent:.3g} m; allowed: {SMALLEST_M:g} to {LARGEST_M:g} m{hint}"
     )

@@ -128,6 +128,8 @@ class ReadOptions:
 PRIMITIVES: Mapping[str, ShapeKind] = {
     "box": "box", "sphere": "sphere", "cylinder": "cylinder", "capsule": "capsule"
 }  # fmt: skip
+#: Shapes without a solid: of floors and terrain, and Bullet's distance fields.
+ENDLESS = ("plane", "heightmap", "cdf")
 #: A mesh's file, its object ("" for all), whether that is centred, and the scale.
 MeshKey = tuple[Path, str, bool, tuple[float, ...]]
 
@@ -202,10 +204,18 @@ class MeshFinder:
             f"{uri!r} not found (searched {near}); add its folder with --package-path DIR"
         )
 
+    def note(self, texts: Iterable[str]) -> None:
+        """Add warnings."""
+        self.notes |= dict.fromkeys(texts)
+
     def geometry(self, owner: XmlNode) -> XmlNode | None:
         """Return the <geometry> of a <visual> or <collision>; note and pass over an empty one."""
         found = owner.child("geometry")
         shapes = [] if found is None else found.children()
+        for shape in shapes:
+            if shape.tag in ENDLESS:
+                self.notes[f"<{shape.tag}> of a <{owner.tag}> is ignored"] = None
+                return None
         if not shapes or [shape.tag for shape in shapes] == ["empty"]:
             self.notes[f"<{owner.tag}> without a shape is ignored"] = None
             return None
@@ -245,8 +255,12 @@ class MeshFinder:
 
     def _mesh(self, node: XmlNode) -> MeshKey | None:
         """Return the mesh of a <geometry>, None of a primitive."""
-        node.check(("box", "cylinder", "sphere", "capsule", "mesh"))
-        inside = node.children()
+        known = (*PRIMITIVES, "mesh")
+        inside = [shape for shape in node.children() if shape.tag in known]
+        if len(inside) == 1:
+            self.note(node.unknown(known))
+        else:
+            node.check(known)
         if len(inside) != 1:
             raise node.fail(f"has {len(inside)} shapes; allowed: one")
         (kind,) = inside
@@ -267,7 +281,7 @@ class MeshFinder:
 
     def _primitive(self, node: XmlNode, pose: Array, material: str) -> list[Shape]:
         """Return the box, sphere, cylinder or capsule of a <geometry>, none of no size."""
-        (kind,) = node.children()
+        (kind,) = (shape for shape in node.children() if shape.tag in PRIMITIVES)
         if kind.tag == "box":
             sizes = kind.figures("size", 3).tolist()
         elif kind.tag == "sphere":

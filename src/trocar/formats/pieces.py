@@ -23,6 +23,9 @@ OpenSurface = Literal["", "draw", "repair"]
 
 #: Smallest ratio of volume to hull volume of a body that counts as convex. Source: our own choice.
 NEARLY_CONVEX = 0.98
+#: Ratio of a hull's volume to the cube of its size below which it is flat. Source: rounding; a wire
+#: has a millionth.
+FLAT = 1e-12
 #: Ratio of a hull's volume to the body's above which a warning is given. Source: our own choice.
 LARGER_HULL = 1.05
 #: Concavity that CoACD leaves, as a ratio to the size, and its largest number of pieces.
@@ -250,7 +253,7 @@ def _hull(body: Any, file: str) -> Any:
         found = body.convex_hull
     except Exception as problem:  # Qhull's errors are its own
         raise InputError(f"{file}: is planar or linear: the convex hull has no volume") from problem
-    if not found.volume > 0.0:
+    if not found.volume > FLAT * float(np.ptp(found.vertices, axis=0).max()) ** 3:
         raise InputError(f"{file}: is planar or linear: the convex hull has no volume")
     return found
 

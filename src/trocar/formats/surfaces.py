@@ -132,6 +132,14 @@ def read_surface(path: Path, unit: str = "", up: str = "", part: str = "") -> Me
     finally:
         log.setLevel(before)
     count = sum(len(faces) for _, faces, _ in parts)
+    clouds = [one for one in found.geometry.values() if not hasattr(one, "faces")]
+    points = sum(len(getattr(one, "vertices", ())) for one in clouds)
+    if not count and not part and points:
+        raise ImportFileError(
+            str(path),
+            f"has {points} points or lines and no triangles; allowed: a surface (MeshLab and Open3D"
+            " reconstruct that of a scan)",
+        )
     if not 0 < count <= MOST_TRIANGLES:
         of = f" in {part!r}" if part else ""
         raise ImportFileError(
@@ -139,6 +147,12 @@ def read_surface(path: Path, unit: str = "", up: str = "", part: str = "") -> Me
         )
     if not all(np.isfinite(vertices).all() for vertices, _, _ in parts):
         raise ImportFileError(str(path), "has coordinates that are not finite")
+    for vertices, faces, _ in parts:
+        if not 0 <= faces.min() <= faces.max() < len(vertices):
+            corner = int(faces.max() if faces.min() >= 0 else faces.min())
+            raise ImportFileError(
+                str(path), f"has a triangle at corner {corner}; allowed: 0 to {len(vertices) - 1}"
+            )
     metres, turn, notes = _conventions(path, unit, up)
     meshes = [Mesh(*welded(metres * v @ turn.T, faces)) for v, faces, _ in parts]
     looks, more = _looks(meshes, [look for _, _, look in parts])
@@ -348,7 +362,9 @@ def _conventions(path: Path, unit: str, up: str) -> tuple[float, Array, list[str
     if up and own_up is not None and own_up != up:
         notes.append(f"--up {up} replaces the file's up axis {own_up}")
     elif axis != "z" and not up:
-        notes.append(f"the file's up axis {axis} turned to z (--up z keeps it)")
+        notes.append(
+            f"the file's up axis {axis} turned to z, as RViz and Gazebo do not (--up z keeps it)"
+        )
     return metres, UP[axis], notes
 
 
@@ -361,7 +377,9 @@ def _of_file(path: Path) -> tuple[float | None, str | None]:
         head = file.read(HEAD_BYTES).decode("latin-1")
     if suffix == ".dae":
         with path.open("rb") as file:
-            asset = file.read(1 << 16).decode("latin-1").partition("</asset>")[0]
+            start = file.read(1 << 16)
+        wide = start[:2] in (b"\xff\xfe", b"\xfe\xff")
+        asset = start.decode("utf-16" if wide else "latin-1", "replace").partition("</asset>")[0]
         found, axis = COLLADA_UNIT.search(asset), COLLADA_UP.search(asset)
         try:
             unit = float(found[1]) if found else None

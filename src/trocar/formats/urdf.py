@@ -462,19 +462,19 @@ def read_urdf(path: Path, options: ReadOptions) -> SourceModel:
         options: those of its meshes; folders above the file are searched for packages, too
 
     Raises:
-        ImportFileError: not a tree, an unknown element, a missing file
+        ImportFileError: not a tree, a misspelled element, a missing file
         MissingExtraError: lxml or trimesh is not installed
     """
     root = read_xml(path)
     if is_xacro(root):
         root = expand(root, path, options.packages, dict(options.arguments))
-    root.check(("link", "joint", "material", *PASSED_OVER))
     finder = MeshFinder(path, options)
+    finder.note(root.unknown(("link", "joint", "material", *PASSED_OVER)))
     materials = {m.attribute("name"): _read_material(m, finder) for m in root.children("material")}
     links = [_read_link(node, materials, finder) for node in root.children("link")]
     if not links:
         raise root.fail("has no links; allowed: a robot (a xacro file of macros alone is included)")
-    joints = [_read_joint(node) for node in root.children("joint")]
+    joints = [_read_joint(node, finder) for node in root.children("joint")]
     tree, order = as_tree(str(path), links, joints)
     _check_mimics(str(path), order)
     ends = [root, *root.children("link")]
@@ -499,10 +499,10 @@ def _read_material(node: XmlNode, finder: MeshFinder) -> str:
 
 
 def _read_link(node: XmlNode, materials: dict[str, str], finder: MeshFinder) -> Link:
-    node.check(("inertial", "visual", "collision", "contact", *PASSED_OVER))
+    finder.note(node.unknown(("inertial", "visual", "collision", "contact", *PASSED_OVER)))
     shapes: list[Shape] = []
     for visual in node.children("visual"):
-        visual.check(("origin", "geometry", "material"))
+        finder.note(visual.unknown(("origin", "geometry", "material")))
         looks = visual.child("material")
         material = ""
         if looks is not None:
@@ -517,7 +517,7 @@ def _read_link(node: XmlNode, materials: dict[str, str], finder: MeshFinder) -> 
         lateral = contact.child(CONTACT[0])
         friction = None if lateral is None else lateral.number("value")
     for collision in node.children("collision"):
-        collision.check(("origin", "geometry", "verbose", "material"))
+        finder.note(collision.unknown(("origin", "geometry", "verbose", "material")))
         if (geometry := finder.geometry(collision)) is not None:
             touched = finder.collision(geometry, _read_origin(collision))
             shapes += [replace(shape, friction=friction) for shape in touched]
@@ -539,9 +539,9 @@ def _read_origin(node: XmlNode) -> Array:
     return transform(turn, origin.figures("xyz", 3, (0, 0, 0)))
 
 
-def _read_joint(node: XmlNode) -> SourceJoint:
+def _read_joint(node: XmlNode, finder: MeshFinder) -> SourceJoint:
     known = ("origin", "parent", "child", "axis", "limit", "dynamics", "mimic")
-    node.check((*known, "calibration", "safety_controller", "joint_properties"))
+    finder.note(node.unknown((*known, "calibration", "safety_controller", "joint_properties")))
     kind = node.attribute("type")
     if kind not in KINDS:
         raise node.fail(f"got the type {kind!r}; allowed: {', '.join(KINDS)}")
@@ -561,6 +561,11 @@ def _read_joint(node: XmlNode) -> SourceJoint:
     limit, limits = node.child("limit"), (-np.inf, np.inf)
     if limit is not None and kind != "continuous":
         limits = limit.number("lower", 0.0), limit.number("upper", 0.0)
+        if limits[0] > limits[1]:
+            low, high = limits
+            limits = -np.inf, np.inf
+            note = f"joint {joint.name}: limits {low:g} to {high:g} mean none, as in Bullet"
+            finder.note([note])
     elif kind != "continuous":
         raise node.fail("lacks <limit>, required for a revolute or prismatic joint")
     return moving_joint(joint, node, along, limits)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from difflib import get_close_matches
 from pathlib import Path
 from types import ModuleType
 from typing import Any, cast
@@ -28,9 +29,11 @@ NOISE = 1e-14
 #: Size limit of a file [byte]. Source: our own choice; the largest of MuJoCo Menagerie has 0.2 MB.
 MOST_BYTES = 16_000_000
 #: Declaration of a version that XML does not have: Bullet's files have "0.0".
-XML_VERSION = re.compile(
-    rb"""^(?:\xef\xbb\xbf)?\s*(<\?xml\s+version\s*=\s*["'])(?!1\.[01]["'])[^"']*"""
-)
+XML_VERSION = re.compile(rb"""^(<\?xml\s+version\s*=\s*["'])(?!1\.[01]["'])[^"']*""")
+#: Blank lines before the declaration, which Bullet's reader takes.
+XML_LATE = re.compile(rb"^(?:\xef\xbb\xbf)?(\s*)(<\?xml\b[^>]*>)")
+#: Least similarity of a misspelled element to an allowed one, 0 to 1. Source: our own choice.
+SIMILAR = 0.8
 #: Smallest limit that stands for infinity. Source: sdformat, joint axis limits (1e16).
 INFINITE = 1e15
 
@@ -150,6 +153,25 @@ class XmlNode:
             if inside.tag not in allowed:
                 raise inside.fail(f"is unknown inside <{self.tag}>; allowed: {', '.join(allowed)}")
 
+    def unknown(self, known: Iterable[str]) -> list[str]:
+        """Return a note of each element inside other than those of `known`.
+
+        Raises:
+            ImportFileError: one seems to be a misspelled one of `known`
+        """
+        allowed, found = tuple(known), list[str]()
+        for inside in self.children():
+            if inside.tag in allowed:
+                continue
+            near = get_close_matches(inside.tag, allowed, n=1, cutoff=SIMILAR)
+            if near:
+                raise inside.fail(
+                    f"is unknown inside <{self.tag}>: did you mean <{near[0]}>? allowed:"
+                    f" {', '.join(allowed)}"
+                )
+            found.append(f"{self._file}: <{inside.tag}> inside <{self.tag}> is unknown and ignored")
+        return found
+
     def text(self) -> str:
         """Return the text inside."""
         return (self._element.text or "").strip()
@@ -209,7 +231,8 @@ def read_xml(path: Path) -> XmlNode:
         data = read_input(path, MOST_BYTES)
         if problem := lfs_problem(data):
             raise ImportFileError(str(path), problem)
-        return XmlNode(etree.fromstring(XML_VERSION.sub(rb"\g<1>1.0", data), parser), str(path))
+        early = XML_LATE.sub(rb"\2\1", data)  # the lines keep their numbers
+        return XmlNode(etree.fromstring(XML_VERSION.sub(rb"\g<1>1.0", early), parser), str(path))
     except OSError as problem:
         raise ImportFileError(str(path), f"cannot be read: {problem.strerror}") from problem
     except etree.XMLSyntaxError as problem:

@@ -131,6 +131,22 @@ def test_the_lab_s_index_names_the_file(tmp_path: Path, tool: str) -> None:
     assert not any("custom_tool_index" in text for text in found.idle)
 
 
+def test_an_index_in_a_folder_of_another_name_is_taken_from_beside_the_system_s_file(
+    tmp_path: Path,
+) -> None:
+    """Labs copy and rename their folder; the paths in it keep the old name."""
+    own = {"custom_tool_index": "old-lab/mine.json", "tool_detection": "FIXED", "tool": PROBE}
+    entry = {**index()["instruments"][0], "file": "old-lab/tools/probe.json"}
+    files = {"mine.json": {"instruments": [entry]}, "probe.json": probe()}
+    found = import_dvrk(with_index(tmp_path, own, files), tmp_path / "rig.toml")
+    assert found.rig.arm("PSM1").arm.tool == PROBE
+    used = [text for text in found.warnings if "which lies beside the system's file" in text]
+    assert [text.partition(":")[0] for text in used] == [
+        "old-lab/mine.json",
+        "old-lab/tools/probe.json",
+    ]
+
+
 def test_versions_select_between_files(tmp_path: Path) -> None:
     longer = probe()
     longer["DH"]["joints"][0]["D"] = 0.5

@@ -419,7 +419,10 @@ class Sources:
                     self.folders.append(place)
 
     def find(self, name: str) -> Path | None:
-        """Return a file's path, whatever the case of letters, - or _; None where it is nowhere."""
+        """Return a file's path, whatever the case of letters, - or _; None where it is nowhere.
+
+        A lab's own file that is not in the folder it names is taken from beside the system's.
+        """
         first, beside = Path(name).parts[0], self.folders[0]
         # "jhu-dVRK/custom-tool/X.json" of a configuration that lies in jhu-dVRK
         own = [
@@ -437,7 +440,14 @@ class Sources:
                 used = f"used {found[0]}, whose name differs in case, - or _"
                 self.warnings.append(f"{name}: {used}")
                 return found[0]
-        return None
+        if len(Path(name).parts) == 1 or _plain(first) in SHARE_FOLDERS:
+            return None
+        # "jhu-dVRK/X.json" of a folder that was copied or renamed
+        last = _plain(Path(name).name)
+        copied = next((p for p in _listed(beside) if _plain(p.name) == last and is_file(p)), None)
+        if copied is not None:
+            self.warnings.append(f"{name}: used {copied}, which lies beside the system's file")
+        return copied
 
     def missing(self, file: JsonFile[Any], key: str, name: str) -> DescriptionError:
         """Return the error that says where a file was looked for."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from argparse import SUPPRESS, Action, ArgumentParser, Namespace, _SubParsersAction
+from argparse import SUPPRESS, Action, ArgumentParser, Namespace
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -113,8 +113,8 @@ def read(monkeypatch: pytest.MonkeyPatch) -> set[str]:
 
 
 def arguments_of(command: str) -> list[Action]:
-    (commands,) = (a for a in build_parser()._actions if isinstance(a, _SubParsersAction))
-    return [a for a in commands.choices[command]._actions if a.help != SUPPRESS]  # removed ones
+    found = build_parser().commands[command].arguments
+    return [a for a in found if a.help != SUPPRESS]  # removed ones
 
 
 def given(action: Action) -> list[str]:

@@ -195,9 +195,9 @@ def build_parser(described: Collection[str] = tuple(COMMANDS), defaults: bool = 
         if defaults:
             command.set_defaults(run=module.run)
             continue
-        command._defaults.clear()  # argparse has no public way, nor one to list arguments
+        command._defaults.clear()  # argparse has no public way
         called: dict[str, str] = {}
-        for action in command._actions:
+        for action in command.arguments:
             if action.option_strings:
                 action.default = SUPPRESS
                 before = f"{called[action.dest]} or " if action.dest in called else ""

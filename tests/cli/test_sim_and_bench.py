@@ -153,8 +153,6 @@ def test_a_port_that_is_taken_is_one_clear_error(capsys):
         (["--websocket-port", "70000"], "got port 70000"),
         (["--no-websocket"], "nothing is served"),
         (["--rate", "2000", "--websocket-port", "0"], "rate: got 2000 Hz; allowed: above 0 to"),
-        (["--compat", "dvrk_env"], "--compat: the topics of dvrk_env were removed; use those of"),
-        (["--compat"], "--compat: the topics of dvrk_env and dvrk_vrep were removed"),
     ],
 )
 def test_what_cannot_be_served_is_one_clear_error(words: list[str], told: str, capsys):

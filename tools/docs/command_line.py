@@ -54,7 +54,7 @@ def _command(called: str, parser: Parser, shared: Collection[tuple[str, str]]) -
 
 
 def _arguments(parser: Parser) -> list[argparse.Action]:
-    return [a for a in parser.arguments if a.help != argparse.SUPPRESS and a.dest != "help"]
+    return [a for a in parser.arguments if a.dest != "help"]
 
 
 def _rows(parser: Parser) -> list[tuple[str, str]]:

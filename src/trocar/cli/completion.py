@@ -7,7 +7,7 @@ fish: trocar completion fish > ~/.config/fish/completions/trocar.fish
 
 from __future__ import annotations
 
-from argparse import SUPPRESS, Action, ArgumentParser, Namespace
+from argparse import Action, ArgumentParser, Namespace
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -51,7 +51,7 @@ def _commands() -> Iterator[tuple[str, str, list[Action]]]:
     from trocar.cli.program import COMMANDS, build_parser
 
     for name, parser in build_parser().commands.items():
-        yield name, COMMANDS[name], [a for a in parser.arguments if a.help != SUPPRESS]
+        yield name, COMMANDS[name], parser.arguments
 
 
 def _values(action: Action) -> list[str]:

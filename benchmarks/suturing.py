@@ -17,6 +17,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from benchmarks.suturing_scenes import suturing_scene
 from trocar.errors import DivergedError, InputError
 from trocar.geometry.rotations import rotation_z
 from trocar.geometry.se3 import transform
@@ -26,7 +27,6 @@ from trocar.simulation import World
 from trocar.tasks import run_episode
 from trocar.tasks.scenes.suturing import Suturing
 from trocar.tasks.suturing.planning import TipWorkspace
-from trocar.tasks.suturing.scene import suturing_scene
 
 #: Ways of a jaw in each episode of random motion, and its speed: that of a stitch. Source: our own
 #: choice. [m/s]

@@ -170,25 +170,6 @@ def test_exchanged_links_of_a_small_linkage_are_refused_by_a_smaller_bound(
     assert "A-B 46.0 mm (nominal 40.0)" in error and "within 4.6 mm" in error
 
 
-@pytest.mark.parametrize(
-    ("former", "command", "words"),
-    [
-        ("--plan", "calibrate-plan", ["--plan", "--markers", "2", "--arm", "psm"]),
-        ("--from kinematics", "calibrate-bases", ["no.toml", "--from", "kinematics"]),
-        ("--from paper", "calibrate-paper", ["--arm", "mtmr", "--from=paper"]),
-        ("--from tracks", "calibrate", ["--from", "tracks", "no.csv", "--arm", "psm"]),
-    ],
-)
-def test_former_modes_of_calibrate_are_commands_of_their_own(
-    former: str, command: str, words: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["calibrate", *words]) == 2
-    warning, error = capsys.readouterr().err.splitlines()[:2]
-    assert warning == f"trocar: warning: calibrate {former}: deprecated; use trocar {command}"
-    assert main([command, *(w for w in words if w not in f"{former} --from=paper".split())]) == 2
-    assert capsys.readouterr().err.splitlines()[0] == error
-
-
 @pytest.mark.slow
 def test_a_plan_is_a_table_a_document_and_a_page(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from argparse import SUPPRESS, Action, ArgumentParser, Namespace, _SubParsersAction
+from argparse import Action, ArgumentParser, Namespace
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -113,8 +113,7 @@ def read(monkeypatch: pytest.MonkeyPatch) -> set[str]:
 
 
 def arguments_of(command: str) -> list[Action]:
-    (commands,) = (a for a in build_parser()._actions if isinstance(a, _SubParsersAction))
-    return [a for a in commands.choices[command]._actions if a.help != SUPPRESS]  # removed ones
+    return build_parser().commands[command].arguments
 
 
 def given(action: Action) -> list[str]:

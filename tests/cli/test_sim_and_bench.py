@@ -16,7 +16,6 @@ from trocar.cli.worlds import add_world, make_world
 from trocar.descriptions import load_arm
 from trocar.descriptions.overlay import ClosurePatch, Overlay, write_overlay
 from trocar.errors import UnknownNameError
-from trocar.robot.verification.figures import Figure
 from trocar.simulation import World
 
 REPORT = [
@@ -154,8 +153,6 @@ def test_a_port_that_is_taken_is_one_clear_error(capsys):
         (["--websocket-port", "70000"], "got port 70000"),
         (["--no-websocket"], "nothing is served"),
         (["--rate", "2000", "--websocket-port", "0"], "rate: got 2000 Hz; allowed: above 0 to"),
-        (["--compat", "dvrk_env"], "--compat: the topics of dvrk_env were removed; use those of"),
-        (["--compat"], "--compat: the topics of dvrk_env and dvrk_vrep were removed"),
     ],
 )
 def test_what_cannot_be_served_is_one_clear_error(words: list[str], told: str, capsys):
@@ -204,21 +201,9 @@ def test_bench_refuses_a_duration_of_nothing(capsys):
         assert "allowed: above 0" in capsys.readouterr().err
 
 
-def test_calibration_without_an_overlay_stands_for_the_part_of_this_name(capsys, monkeypatch):
-    counts: list[int] = []
-
-    def measured(robots: int) -> list[Figure]:
-        counts.append(robots)
-        return []
-
-    home = "trocar.robot.verification"
-    monkeypatch.setattr(f"{home}.fidelity.fidelity", lambda **_: [])
-    monkeypatch.setattr(f"{home}.unseen_robots.unseen_robots", measured)
-    assert main(["bench", "fidelity", "--calibration", "--robots", "3"]) == 0
-    assert "is deprecated; use PART calibration" in capsys.readouterr().err
-    assert main(["bench", "calibration", "--robots", "4"]) == 0
-    assert "deprecated" not in capsys.readouterr().err
-    assert counts == [3, 4]
+def test_bench_refuses_calibration_without_an_overlay(capsys):
+    assert main(["bench", "speed", "--calibration"]) == 2
+    assert "--calibration: got no OVERLAY; allowed: one or more" in capsys.readouterr().err
 
 
 def test_bench_says_that_a_part_comes_before_calibration(capsys):

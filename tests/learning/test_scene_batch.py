@@ -183,7 +183,7 @@ def test_random_actions_move_a_batch_as_its_tasks(name):
             if not task.done:
                 task.command(actions[world])
             check_judgement(batch, world, task)
-            stalled |= any(task.controller.stalls.values())
+            stalled |= any(task.controller.stalls().values())
     assert stalled
 
 

@@ -57,7 +57,7 @@ def test_set_points_are_those_of_the_tip_controller_whatever_the_actions(scene):
             for name in names:
                 want = task.controller.target(name)
                 np.testing.assert_allclose(ours.targets[name][1].numpy(), want, atol=SAME, rtol=0)
-                stalled = bool(task.controller.stalls[name])
+                stalled = bool(task.controller.stalls()[name])
                 assert bool(ours.stalled[name][0]) == stalled
                 stalls += stalled
                 slowed += not stalled

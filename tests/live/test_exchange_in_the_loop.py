@@ -66,7 +66,7 @@ def test_a_person_chooses_an_instrument(server: LocalServer) -> None:
     assert choice is not None
     assert choice.handle.value == info.tool
     assert set(choice.handle.options) == {*info.tools, NONE}  # type: ignore[attr-defined]
-    choice.handle._impl.value = MARYLAND
+    choice.handle.value = MARYLAND
     choice.touch(MARYLAND)
     assert posted == [Command("world", "exchange_tool", {"name": "PSM1", "tool": MARYLAND})]
     choice.show(info.tool)  # still the old one: the exchange is on its way
@@ -129,7 +129,7 @@ def test_another_arm_s_controls_wait_for_its_sheet(server: LocalServer) -> None:
     for _ in range(6):
         loop.run(0.02)
         page.refresh()
-    desk.panel.choice._impl.value = "PSM2"
+    desk.panel.choice.value = "PSM2"
     desk.panel.choose()
     assert desk.panel.controls is None
     for _ in range(12):

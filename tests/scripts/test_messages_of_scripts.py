@@ -17,6 +17,7 @@ from trocar.scripts.messages import (
     message_of,
     service_class,
 )
+from trocar.scripts.modules import message_modules
 
 
 def test_every_message_becomes_fields_and_comes_back():
@@ -30,9 +31,12 @@ def test_every_message_becomes_fields_and_comes_back():
 
 
 def test_every_service_has_its_two_messages():
+    modules = message_modules()
     for name in service_names():
-        kind = service_class(name)
-        assert kind.Request is kind._request_class
+        package, own = name.split("/")
+        kind, made = service_class(name), vars(modules[f"{package}.srv"])
+        assert made[own] is kind
+        assert (made[f"{own}Request"], made[f"{own}Response"]) == (kind.Request, kind.Response)
         assert fields_of(kind.Response()) is not None
 
 

@@ -1,22 +1,20 @@
-"""How many names a class shows, and the names that an arm had before."""
+"""How many names a class shows, and the names of commands in a journal."""
 
 from __future__ import annotations
 
 import ast
 
 import numpy as np
-import pytest
 
 from tests.test_architecture import SOURCES
 from trocar.simulation import World
-from trocar.simulation.arm import MOVED, VERBS
+from trocar.simulation.arm import VERBS
 from trocar.simulation.journal import Entry, apply_command
 
 #: Public methods and properties that a class may have. Source: our own choice.
 MOST = 40
 #: Classes whose names are those of ROS: rclpy's Node.
 FOREIGN = ("scripts/ros2.RclNode",)
-PSM = World("psm").arm("PSM1")
 
 
 def members(node: ast.ClassDef) -> set[str]:
@@ -33,12 +31,6 @@ def test_no_class_has_more_than_forty_public_methods_and_properties() -> None:
         if isinstance(node, ast.ClassDef)
     }
     assert {name for name, n in counts.items() if n > MOST} - {*FOREIGN} == set()
-
-
-@pytest.mark.parametrize("name", sorted(MOVED))
-def test_a_name_that_moved_answers_with_a_warning(name: str) -> None:
-    with pytest.warns(DeprecationWarning, match=rf"^Arm\.{name} is Arm\."):
-        getattr(PSM, name)
 
 
 def test_every_verb_is_recorded_under_the_name_that_it_had() -> None:

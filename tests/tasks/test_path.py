@@ -55,13 +55,25 @@ def test_what_keeps_an_arm_from_a_pose_is_found_out_when_it_is_read() -> None:
     calls = calls_of(lambda: task.command(away))
     assert "inverse_rcm_arm" not in {call.function for call in calls}
     assert controller.stays("PSM1")
-    reason = controller.stalls["PSM1"]
+    reason = controller.stalls()["PSM1"]
     assert reason.startswith("pose out of reach: ")
     task.command(away)
-    calls = calls_of(lambda: controller.stalls)
+    calls = calls_of(controller.stalls)
     assert "inverse_rcm_arm" not in {call.function for call in calls}  # as before
-    assert controller.stalls["PSM1"] == reason
+    assert controller.stalls()["PSM1"] == reason
     np.testing.assert_array_equal(controller.setpoints(away)[0]["PSM1"][0], q)
     task.command(-away)
     assert not controller.stays("PSM1")
-    assert not controller.stalls["PSM1"]
+    assert not controller.stalls()["PSM1"]
+
+
+def test_a_reason_is_that_of_the_action_though_the_tool_was_exchanged_since() -> None:
+    reasons: list[str] = []
+    for exchanged in (False, True):
+        task = make_task("needle-reach")
+        for _ in range(25):
+            task.command(np.array([0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 0.5]))
+        if exchanged:
+            task.world.exchange_tool("PSM1", "none")
+        reasons.append(task.controller.stalls()["PSM1"])
+    assert reasons[0].startswith("pose out of reach: ") and reasons[1] == reasons[0]

@@ -463,7 +463,7 @@ def test_a_pose_out_of_reach_is_refused_anew_where_anything_differs() -> None:
     reasons: list[str] = []
     for _ in range(150):
         task.command(push)
-        reasons.append(controller.stalls["PSM1"])
+        reasons.append(controller.stalls()["PSM1"])
     assert "out of reach" in reasons[-1]
     assert reasons[-1] == reasons[-5]
 

@@ -103,16 +103,16 @@ class Browser:
         """Pick from a drop-down list."""
         self._focus(self._labelled(label))
         found = f"//*[@role='option'][normalize-space()='{option}']"
-        self.wait(lambda: bool(self._all(found)), f"the option {option}")
-        self._focus(self._all(found)[0])
+        self.wait(lambda: bool(self.elements(found)), f"the option {option}")
+        self._focus(self.elements(found)[0])
 
     def labelled(self, label: str) -> bool:
         """Test whether there is an input of this name."""
-        return bool(self._all(f"//label[normalize-space()='{label}']"))
+        return bool(self.elements(f"//label[normalize-space()='{label}']"))
 
     def click(self, button: str) -> None:
         """Press a button."""
-        self._focus(self._all(f"//button[normalize-space()='{button}']")[0])
+        self._focus(self.elements(f"//button[normalize-space()='{button}']")[0])
 
     def violations(self) -> list[str]:
         """Return the console's reports of the page's Content-Security-Policy."""
@@ -126,11 +126,12 @@ class Browser:
         time.sleep(1.0)
         self.tab.save_screenshot(str(path))
 
-    def _all(self, xpath: str) -> list[WebElement]:
+    def elements(self, xpath: str) -> list[WebElement]:
+        """Return the elements of a path."""
         return self.tab.find_elements(By.XPATH, xpath)
 
     def _labelled(self, label: str) -> WebElement:
-        found = self._all(f"//label[normalize-space()='{label}']")
+        found = self.elements(f"//label[normalize-space()='{label}']")
         assert found, f"no input called {label!r}"
         return self.tab.find_element(By.ID, found[0].get_attribute("for") or "")
 

@@ -149,7 +149,7 @@ def test_a_scene_waits_for_the_browser_and_the_policy_hands_over(
 
 def clicked(browser: Browser, name: str) -> bool:
     found = f"//button[normalize-space()='{name}']"
-    if not browser._all(found):
+    if not browser.elements(found):
         return False
     browser.click(name)
     return True

@@ -40,7 +40,9 @@ def test_a_click_in_the_scene_picks_a_link_and_its_dot_hides_it(tmp_path: Path) 
         tab.execute_script(FOLDER)
         browser.wait(lambda: browser.read("outline") is not None, "the outline is open")
         browser.click("Click in the scene")
-        browser.wait(lambda: bool(browser._all("//button[contains(., 'click a link')]")), "a pick")
+        browser.wait(
+            lambda: bool(browser.elements("//button[contains(., 'click a link')]")), "a pick"
+        )
         ((x, y),) = tab.execute_script(PLACES, "/world/table", [[0.0, 0.0, 0.0]])
         hand = ActionChains(tab)
         hand.w3c_actions.pointer_action.move_to_location(round(x), round(y))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import socket
 import subprocess
 import sys
 import threading
@@ -13,11 +14,11 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
 import viser
-from viser._messages import Message, RunJavascriptMessage
-from viser.infra import StateSerializer, WebsockServer
+from viser.infra import Message, WebsockServer
 
 pytest.importorskip("selenium", reason="selenium is not installed")
 from tests.viewer.browser import Browser, chromium
@@ -101,6 +102,17 @@ def simulator(request: pytest.FixtureRequest) -> Iterator[Simulator]:
 
 
 @dataclass
+class RunJavascriptMessage(Message):
+    """viser's message of this name, by which its client finds the kind."""
+
+    source: str
+    include_in_scene_serialization: ClassVar[bool] = True
+
+    def redundancy_key(self) -> str:
+        return self.source
+
+
+@dataclass
 class Stranger:
     """A web server of another origin, and a server that speaks viser's protocol."""
 
@@ -131,15 +143,16 @@ def stranger(simulator: Simulator) -> Iterator[Stranger]:
             pass
 
     attack = RunJavascriptMessage(source=filled(SCRIPT, simulator))
-    server = WebsockServer("127.0.0.1", 0, Message, verbose=False)
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    server = WebsockServer("127.0.0.1", port, Message, verbose=False)
     server.on_client_connect(lambda client: found.visits.append(client.client_id))
     server.start()
+    recording = server.get_message_serializer(lambda _: True)
     server.queue_message(attack)
-    recording = StateSerializer(server, lambda _: True)
-    server._record_handles.append(recording)
-    recording._insert_message(attack)
     found.pages["/attack.viser"] = recording.serialize()
-    found.viser = f"ws://127.0.0.1:{server._port}"
+    found.viser = f"ws://127.0.0.1:{port}"
     with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as web:
         found.port = web.server_port
         thread = threading.Thread(target=web.serve_forever)

@@ -13,6 +13,7 @@ import pytest
 from PIL import Image
 
 from tests.live.fake_renderer import FakeRenderer
+from tests.viewer.visitor import Visitor, visiting
 from trocar.live import Loop
 from trocar.live.images import Order, Overlay, Packer, Pictures, Shot
 from trocar.rendering.frames import depth_picture, ids_picture
@@ -77,9 +78,11 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     return clock
 
 
-def shot(camera: str = "endoscope", overlay: Overlay | None = None) -> Shot:
+def shot(
+    camera: str = "endoscope", overlay: Overlay | None = None, brightness: int = LIGHT
+) -> Shot:
     """A light picture on the left, a dark one on the right."""
-    left = np.full((48, 64, 3), LIGHT, np.uint8)
+    left = np.full((48, 64, 3), brightness, np.uint8)
     right = np.full((48, 64, 3), DARK, np.uint8) if camera == "endoscope" else None
     frame = SimpleNamespace(left=left, right=right, calibration=None)
     nowhere: Any = {camera: None}
@@ -88,11 +91,21 @@ def shot(camera: str = "endoscope", overlay: Overlay | None = None) -> Shot:
     return Shot(camera, order, frame, Packer(), overlay)
 
 
-def shown(server: LocalServer, window: CameraWindow) -> np.ndarray:
-    run_there(server, lambda: window.show(time.perf_counter()))
-    data = window.image._data
-    assert data is not None
-    return np.asarray(Image.open(io.BytesIO(data))).astype(int)
+@pytest.fixture
+def visitor(server: LocalServer) -> Iterator[Visitor]:
+    with visiting(server) as found:
+        yield found
+
+
+def file_of(visitor: Visitor) -> bytes:
+    """Return the file of the picture that a browser shows."""
+    pictures = [w for w in visitor.read().widgets.values() if w.kind == "GuiImageMessage"]
+    return pictures[-1].props["_data"]
+
+
+def shown(visitor: Visitor, window: CameraWindow) -> np.ndarray:
+    run_there(visitor.server, lambda: window.show(time.perf_counter()))
+    return np.asarray(Image.open(io.BytesIO(file_of(visitor)))).astype(int)
 
 
 @pytest.mark.parametrize(
@@ -110,55 +123,60 @@ def test_a_view_shows_the_eyes_that_it_says(
     red: float,
     blue: float,
     server: LocalServer,
+    visitor: Visitor,
     window: CameraWindow,
 ) -> None:
     window.choose_view(view)
     run_there(server, lambda: window.show(time.perf_counter()))
     assert window.wanted() == ("endoscope",)
     window.take(shot())
-    image = shown(server, window)
+    image = shown(visitor, window)
     assert image.shape[:2] == size[::-1]
     assert image[..., 0].mean() == pytest.approx(red, abs=6)
     assert image[..., 2].mean() == pytest.approx(blue, abs=6)
 
 
-def test_nothing_is_asked_for_unless_somebody_looks(window: CameraWindow, clock: Clock) -> None:
+def test_nothing_is_asked_for_unless_somebody_looks(
+    visitor: Visitor, window: CameraWindow, clock: Clock
+) -> None:
     assert window.wanted() == ()
     window.show(clock.now)
     assert window.wanted() == ("endoscope",)
     assert window.wanted() == ()  # 30 a second are enough
     window.take(shot())
     window.show(clock.now)
-    first = window.image._data
-    window.take(shot())  # another one's: it is not packed for nobody
+    first = file_of(visitor)
+    window.take(shot(brightness=DARK))  # another one's: it is not packed for nobody
     window.show(clock.now)
-    assert first is not None and window.image._data is first
+    assert np.asarray(Image.open(io.BytesIO(first))).mean() > DARK and file_of(visitor) == first
     clock.now += 0.9 * VISIBLE_S
     assert window.wanted() == ("endoscope",)
     clock.now += 0.2 * VISIBLE_S
     assert window.wanted() == ()
 
 
-def test_off_is_off(server: LocalServer, window: CameraWindow) -> None:
+def test_off_is_off(server: LocalServer, visitor: Visitor, window: CameraWindow) -> None:
     window.choose_view(OFF)
     run_there(server, lambda: window.show(time.perf_counter()))
     assert window.wanted() == ()
-    before = window.image._data
+    before = file_of(visitor)
     window.take(shot())
     run_there(server, lambda: window.show(time.perf_counter()))
-    assert window.image._data is before
+    assert file_of(visitor) == before
     run_there(server, window.show_status)
     assert ">off<" in window.line.content
 
 
-def test_another_camera_can_be_looked_through(server: LocalServer, window: CameraWindow) -> None:
+def test_another_camera_can_be_looked_through(
+    server: LocalServer, visitor: Visitor, window: CameraWindow
+) -> None:
     window.choose_view(BOTH)
     window.choose_camera("room")
     run_there(server, lambda: window.show(time.perf_counter()))
     assert window.wanted() == ("room",)
     window.take(shot())  # it belongs to somebody else
     window.take(shot("room"))
-    assert shown(server, window).shape == (48, 64, 3)
+    assert shown(visitor, window).shape == (48, 64, 3)
 
 
 def test_the_line_says_how_many_come_and_what_went_wrong(
@@ -179,23 +197,22 @@ def test_the_line_says_how_many_come_and_what_went_wrong(
     assert "no OpenGL &lt;b&gt;" in window.line.content
 
 
-def test_the_page_has_the_window_and_shows_what_is_drawn(server: LocalServer, world: World) -> None:
+def test_the_page_has_the_window_and_shows_what_is_drawn(world: World) -> None:
     loop = Loop(world, speed="max")
     pictures = Pictures(loop, FakeRenderer)
     pictures.start()
-    page = run_there(server, lambda: Page(server, world, loop, pictures))
-    desk = run_there(server, lambda: page.open(server))
-    run_there(server, lambda: desk.build(1920))
-    assert desk.cameras is not None
-    before = desk.cameras.image._data
-    end = time.monotonic() + 20
-    while desk.cameras.image._data is before:
-        assert time.monotonic() < end
-        run_there(server, page.refresh)
-        loop.run(0.02)
-    pictures.close()
-    run_there(server, lambda: page.leave(0))
-    assert not pictures.wanted
+    with serving("127.0.0.1", 0, "test") as server, visiting(server) as visitor:
+        page = run_there(server, lambda: Page(server, world, loop, pictures))
+        visitor.report()
+        before = file_of(visitor)
+        end = time.monotonic() + 20
+        while file_of(visitor) == before:
+            assert time.monotonic() < end
+            run_there(server, page.refresh)
+            loop.run(0.02)
+        pictures.close()
+        run_there(server, lambda: page.leave(visitor.who))
+        assert not pictures.wanted
 
 
 def test_without_pictures_there_is_no_window(server: LocalServer, world: World) -> None:
@@ -206,7 +223,7 @@ def test_without_pictures_there_is_no_window(server: LocalServer, world: World) 
 
 
 def test_overlays_are_shown_until_they_are_switched_off(
-    server: LocalServer, world: World, clock: Clock
+    server: LocalServer, visitor: Visitor, world: World, clock: Clock
 ) -> None:
     pictures = Pictures(Loop(world), FakeRenderer)
     pictures.overlay = lambda frame, eye: np.full_like((frame.left, frame.right)[eye], 120)
@@ -217,7 +234,7 @@ def test_overlays_are_shown_until_they_are_switched_off(
         run_there(server, lambda on=switched: window.choose_overlays(on))
         assert window.wanted() == ("endoscope",)
         window.take(shot(overlay=pictures.overlay))
-        assert np.abs(shown(server, window) - brightness).max() < 4
+        assert np.abs(shown(visitor, window) - brightness).max() < 4
 
 
 def test_pictures_become_rare_while_the_arms_fall_behind_and_come_back(
@@ -248,7 +265,7 @@ def deep_shot() -> Shot:
 @pytest.mark.parametrize("content", [DEPTH, IDS])
 @pytest.mark.parametrize("view", [LEFT, RIGHT, BOTH, ANAGLYPH])
 def test_depth_and_ids_are_requested_and_shown_with_their_legend(
-    content: str, view: str, server: LocalServer, window: CameraWindow
+    content: str, view: str, server: LocalServer, visitor: Visitor, window: CameraWindow
 ) -> None:
     window.choose_view(view)
     window.choose_content(content)
@@ -259,7 +276,7 @@ def test_depth_and_ids_are_requested_and_shown_with_their_legend(
     window.take(deep_shot())
     one = depth_picture(WEDGE[0], (0.05, 0.2)) if content == DEPTH else ids_picture(THINGS[0])
     expected = np.concatenate([one, one], axis=1) if view == BOTH else one
-    image = shown(server, window)
+    image = shown(visitor, window)
     assert image.shape == expected.shape
     assert np.abs(image - expected.astype(int)).mean() < 12  # as JPEG
     run_there(server, window.show_status)
@@ -271,17 +288,17 @@ def test_depth_and_ids_are_requested_and_shown_with_their_legend(
 
 
 def test_a_picture_without_the_depth_that_was_chosen_since_is_left_out(
-    server: LocalServer, window: CameraWindow
+    server: LocalServer, visitor: Visitor, window: CameraWindow
 ) -> None:
     run_there(server, lambda: window.show(time.perf_counter()))
     assert window.wanted() == ("endoscope",)
     window.choose_content(DEPTH)
-    before = window.image._data
+    before = file_of(visitor)
     plain = shot()
     plain.frame.depth = None
     window.take(plain)
     run_there(server, lambda: window.show(time.perf_counter()))
-    assert window.image._data is before
+    assert file_of(visitor) == before
 
 
 def test_pictures_draw_what_any_client_requests_beside_colours(world: World) -> None:

@@ -8,12 +8,16 @@ import socket
 import time
 from collections.abc import Iterator
 from contextlib import closing
+from http import HTTPStatus
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 import viser
 from viser.infra import Message
+from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.http11 import Request, Response
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin, Subprotocol
 
@@ -373,13 +377,27 @@ def test_the_secret_of_those_who_watch_opens_no_other_server(networked: LocalSer
     assert access.objection(path, {}, set(), watching=True) is None
 
 
-@pytest.mark.parametrize(("here", "drives"), [(True, True), (False, False)])
+@pytest.mark.parametrize(
+    ("peer", "own", "drives"),
+    [
+        ("127.0.0.1", "127.0.0.1", True),
+        ("192.0.2.7", "192.0.2.7", True),
+        ("192.0.2.9", "192.0.2.7", False),
+    ],
+)
 def test_the_token_lets_a_browser_of_this_machine_drive_and_others_watch(
-    networked: LocalServer, here: bool, drives: bool, monkeypatch: pytest.MonkeyPatch
+    networked: LocalServer, peer: str, own: str, drives: bool
 ) -> None:
-    monkeypatch.setattr("trocar.viewer.server._from_here", lambda _: here)
-    text = get(networked, f"/?token={TOKEN}").text  # type: ignore[attr-defined]
-    assert (entrance(networked).partition("?")[2] in text) is drives
+    def answered(status: HTTPStatus, text: str) -> Response:
+        return Response(status, status.phrase, Headers({"Content-Type": ""}), text.encode())
+
+    connection: Any = SimpleNamespace(
+        remote_address=(peer, 50000), local_address=(own, 8080), respond=answered
+    )
+    request = Request(f"/?token={TOKEN}", Headers({"Host": f"{own}:8080"}))
+    answer = networked.page.respond(connection, request)
+    assert answer is not None and answer.status_code == 200
+    assert (entrance(networked).partition("?")[2] in answer.body.decode()) is drives
     console = get(networked, entrance(networked).removeprefix(address(networked)), LAB)
     assert entrance(networked).partition("?")[2] in console.text  # type: ignore[attr-defined]
 

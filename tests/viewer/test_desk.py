@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from tests.live.fake_world import FakeWorld
+from tests.viewer.visitor import Visitor, visiting
 from trocar.live import Command, Loop
 from trocar.simulation import World
 from trocar.viewer.channel import LONGEST, BrowserReport, Channel
@@ -20,13 +22,23 @@ from trocar.viewer.page import DRAWN_S, Page
 from trocar.viewer.panel import ArmControls, idle_reason, power_of, read_arm
 from trocar.viewer.scoreboard import AGAIN, NEXT, TAKE, SceneControls, SceneScore, score_html
 from trocar.viewer.seats import ANSWER_S, Seats
-from trocar.viewer.server import LocalServer, serving
+from trocar.viewer.server import LocalServer, run_there, serving
 
 
 @pytest.fixture(scope="module")
 def server() -> Iterator[LocalServer]:
     with serving("127.0.0.1", 0, "test") as found:
         yield found
+
+
+@contextmanager
+def visited(world: World, scene: SceneControls) -> Iterator[Visitor]:
+    """Serve a scene, and visit it with a wide browser."""
+    with serving("127.0.0.1", 0, "test") as server:
+        run_there(server, lambda: Page(server, world, Loop(world), scene=scene))
+        with visiting(server) as visitor:
+            visitor.report()
+            yield visitor
 
 
 # ---------------------------------------------------------------------- the channel
@@ -145,7 +157,7 @@ def test_two_browsers_have_panels_of_their_own_and_one_drives(server: LocalServe
         desk.build(1920)
         assert desk.panel is not None
     assert first.panel is not None and second.panel is not None
-    second.panel.choice._impl.value = "PSM2"
+    second.panel.choice.value = "PSM2"
     second.panel.choose()
     assert (first.panel.arm.name, second.panel.arm.name) == ("PSM1", "PSM2")
     assert first.blocked("PSM1") == "" and "browser 1 drives" in second.blocked("PSM2")
@@ -171,12 +183,13 @@ def test_an_arm_that_stands_still_in_a_scene_has_no_handle_and_is_grey_with_the_
     world = World("two_psm_ecm", welded=("PSM2",))
     loop = Loop(world)
     still, free = (read_arm(world, name) for name in ("PSM2", "PSM1"))
-    for info, why in ((still, "stands still in this scene"), (free, "")):
-        controls = ArmControls(server.gui, loop, info, loop.latest)
-        controls.follow(loop.latest)
-        assert why in controls._why
-        assert all(handle.disabled == bool(why) for handle in controls.sliders.handles)
-        controls.remove()
+    with visiting(server) as visitor:
+        for info, why in ((still, "stands still in this scene"), (free, "")):
+            controls = ArmControls(server.gui, loop, info, loop.latest)
+            controls.follow(loop.latest)
+            assert why in visitor.text("why") and bool(visitor.text("why")) == bool(why)
+            assert all(handle.disabled == bool(why) for handle in controls.sliders.handles)
+            controls.remove()
 
 
 def test_sliders_under_a_policy_are_grey_with_the_reason_and_act_again_afterwards(
@@ -185,12 +198,13 @@ def test_sliders_under_a_policy_are_grey_with_the_reason_and_act_again_afterward
     world = World("psm")
     loop = Loop(world)
     arm = ArmControls(server.gui, loop, read_arm(world, "PSM1"), world.snapshot())
-    arm.follow(world.snapshot(), "the scripted policy drives PSM1: Take control above")
-    assert all(handle.disabled for handle in arm.sliders.handles)
-    assert arm._reason.visible and "Take control" in arm._reason.content
-    arm.follow(world.snapshot(), "")
-    assert not any(handle.disabled for handle in arm.sliders.handles)
-    assert not arm._reason.visible
+    with visiting(server) as visitor:
+        arm.follow(world.snapshot(), "the scripted policy drives PSM1: Take control above")
+        assert all(handle.disabled for handle in arm.sliders.handles)
+        assert "Take control" in visitor.text("why")
+        arm.follow(world.snapshot(), "")
+        assert not any(handle.disabled for handle in arm.sliders.handles)
+        assert visitor.text("why") == ""
 
 
 # ---------------------------------------------------------------------- scenes
@@ -230,15 +244,11 @@ def test_the_policy_has_the_arm_until_a_person_takes_it_or_the_episode_ends(
     assert desk.blocked("PSM1") == ""
 
 
-def test_again_begins_the_same_seed_and_next_seed_the_next(server: LocalServer) -> None:
-    world, scene = World("psm"), Scene()
-    page = Page(server, world, Loop(world), scene=scene.controls)
-    desk = page.open(server)
-    desk.build(1920)
-    board = desk._scoreboard
-    assert board is not None
-    for name in (AGAIN, NEXT, TAKE):
-        board._press(name)
+def test_again_begins_the_same_seed_and_next_seed_the_next() -> None:
+    scene = Scene()
+    with visited(World("psm"), scene.controls) as visitor:
+        for label, name in (("Episode", AGAIN), ("Episode", NEXT), ("Policy", TAKE)):
+            visitor.use(label, name)
     assert scene.calls == [5, 6, "take"]
 
 
@@ -283,17 +293,11 @@ def test_the_gallery_loads_what_it_shows_and_nothing_else() -> None:
 # ---------------------------------------------------------------------- help
 
 
-def test_every_label_of_the_panels_has_a_hint(server: LocalServer) -> None:
-    world, scene = World("full_cart"), Scene()
-    page = Page(server, world, Loop(world), scene=scene.controls)
-    before = set(server.gui._gui_input_handle_from_uuid)
-    page.open(server).build(1920)
-    made = server.gui._gui_input_handle_from_uuid
-    without = [
-        made[uuid].label  # type: ignore[attr-defined]
-        for uuid in set(made) - before
-        if not made[uuid].hint and made[uuid].visible
-    ]
+def test_every_label_of_the_panels_has_a_hint() -> None:
+    with visited(World("full_cart"), Scene().controls) as visitor:
+        labelled = [w for w in visitor.read().widgets.values() if "hint" in w.props]
+    assert len(labelled) > 20
+    without = [w.props["label"] for w in labelled if not w.props["hint"] and w.props["visible"]]
     assert without == []
 
 

@@ -11,24 +11,32 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.viewer.visitor import Visitor, visiting
 from trocar.geometry.se3 import translation
 from trocar.live import Command, Loop
 from trocar.live.timeline import Timeline
 from trocar.live.tip_goals import TipGoals
 from trocar.simulation import World
 from trocar.simulation.journal import WORLD
+from trocar.viewer.desk import Folder
 from trocar.viewer.handles import CHOSEN, NONE, TipHandles, free_objects
 from trocar.viewer.look_back import LookBack
 from trocar.viewer.overlays import LONGEST_M, M_PER_N, Overlays
 from trocar.viewer.panel import read_arm
 from trocar.viewer.plots import PERIOD_S, LastMinute, QuantityPlots
-from trocar.viewer.server import LocalServer, serving
+from trocar.viewer.server import LocalServer, run_there, serving
 from trocar.viewer.timeline import BACK, CONTINUE, NOW, STEP, TimelineFolder
 
 
 @pytest.fixture(scope="module")
 def server() -> Iterator[LocalServer]:
     with serving("127.0.0.1", 0, "test") as found:
+        yield found
+
+
+@pytest.fixture
+def visitor(server: LocalServer) -> Iterator[Visitor]:
+    with visiting(server) as found:
         yield found
 
 
@@ -83,10 +91,14 @@ class Bench:
     def refresh(self) -> None:
         self.loop.ask(lambda world: world.time).result()
         for _ in range(2):
-            self.hands.show(self.loop.state)
-            if self.hands._answer is not None:
-                self.hands._answer.result()
+            self.show(self.hands)
         self.folder.show(self.past.shown(self.loop.state))
+
+    def show(self, folder: Folder) -> None:
+        """Show a folder what the loop answers to its question."""
+        folder.show(self.loop.state)
+        self.loop.ask(lambda _: None).result()  # answers come in turn
+        folder.show(self.loop.state)
 
 
 def tip(bench: Bench) -> np.ndarray:
@@ -124,25 +136,27 @@ def test_who_may_not_drive_moves_nothing(server: LocalServer) -> None:
         assert not bench.hands.nodes["PSM1"].visible
 
 
-def test_a_handle_is_shown_at_the_chosen_arm_or_none(server: LocalServer) -> None:
+def test_a_handle_is_shown_at_the_chosen_arm_or_none(server: LocalServer, visitor: Visitor) -> None:
     bench = Bench(server)
     with bench.running():
-        for choice in (CHOSEN, NONE):
-            bench.hands._which.value = choice
+        for choice in (CHOSEN, NONE, CHOSEN):
+            visitor.use("Tip handles", choice)
             bench.refresh()
-            assert bench.hands.nodes["PSM1"].visible == (choice == CHOSEN)
+            handle = visitor.node("/hands/tip_PSM1")
+            assert handle is not None and handle.visible == (choice == CHOSEN)
 
 
-def test_an_object_is_placed_while_time_stands_still(server: LocalServer) -> None:
+def test_an_object_is_placed_while_time_stands_still(server: LocalServer, visitor: Visitor) -> None:
     bench = Bench(server, "pegs")
     name = next(iter(free_objects(bench.world)))
     with bench.running():
         bench.until(0.2)
         bench.loop.post(Command(WORLD, "pause"))
         bench.settled(paused=True)
-        bench.hands._thing.value = name
+        visitor.use("Object handle", name)
         bench.refresh()
-        assert list(bench.hands._objects) == [name]
+        handles = [node for node in visitor.read().nodes if node.startswith("/hands/object_")]
+        assert handles == [f"/hands/object_{name}"]
         before = bench.loop.ask(free_objects).result()[name]
         goal = translation([0.0, 0.0, 0.05]) @ before
         for phase in ("start", "update", "end"):
@@ -152,7 +166,9 @@ def test_an_object_is_placed_while_time_stands_still(server: LocalServer) -> Non
         assert bench.loop.ask(free_objects).result()[name] == pytest.approx(before, abs=1e-9)
 
 
-def test_looking_back_pauses_shows_the_moment_and_keeps_the_present(server: LocalServer) -> None:
+def test_looking_back_pauses_shows_the_moment_and_keeps_the_present(
+    server: LocalServer, visitor: Visitor
+) -> None:
     bench = Bench(server)
     with bench.running():
         bench.loop.post(Command("PSM1", "move_jp", {"q": (0.4, 0.0, 0.12, 0.0, 0.0, 0.0)}))
@@ -163,13 +179,16 @@ def test_looking_back_pauses_shows_the_moment_and_keeps_the_present(server: Loca
         shown = bench.past.shown(state).snapshot
         assert shown.time == pytest.approx(0.3, abs=0.02)
         assert shown.arms["PSM1"].q[0] < state.snapshot.arms["PSM1"].q[0]
-        bench.folder._press(BACK)
+        bench.folder.show(state)
+        visitor.use("Step", BACK)
         assert bench.past.shown(state).snapshot.time == pytest.approx(shown.time - 0.1)
-        bench.folder._press(NOW)
+        visitor.use("Moment", NOW)
         assert bench.past.shown(state) is state
 
 
-def test_a_branch_goes_on_from_the_moment_without_the_policy(server: LocalServer) -> None:
+def test_a_branch_goes_on_from_the_moment_without_the_policy(
+    server: LocalServer, visitor: Visitor
+) -> None:
     bench = Bench(server)
     with bench.running():
         bench.until(1.0)
@@ -177,7 +196,7 @@ def test_a_branch_goes_on_from_the_moment_without_the_policy(server: LocalServer
         bench.settled(paused=True)
         moment = bench.past.looked
         assert moment is not None
-        bench.folder._press(CONTINUE)
+        visitor.use("Moment", CONTINUE)
         bench.loop.ask(lambda world: world.time).result()
         assert bench.loop.ask(lambda world: world.time).result() == pytest.approx(moment.time)
         assert bench.left == ["policy"] and bench.past.looked is None
@@ -197,14 +216,15 @@ def test_time_that_flows_again_ends_the_look_back(server: LocalServer) -> None:
         assert bench.past.shown(state) is state and bench.past.looked is None
 
 
-def test_a_step_moves_time_by_one_physics_step(server: LocalServer) -> None:
+def test_a_step_moves_time_by_one_physics_step(server: LocalServer, visitor: Visitor) -> None:
     bench = Bench(server)
     with bench.running():
         bench.until(0.1)
         bench.loop.post(Command(WORLD, "pause"))
         bench.settled(paused=True)
         before = bench.loop.ask(lambda world: world.periods).result()
-        bench.folder._press(STEP)
+        bench.folder.show(bench.loop.state)
+        visitor.use("Step", STEP)
         assert bench.loop.ask(lambda world: world.periods).result() == before + 1
 
 
@@ -229,24 +249,26 @@ def test_the_last_minute_is_that_of_the_arms_and_its_table_has_all_of_it(
     plots.show(bench.loop.state)
 
 
-def test_a_list_of_quantities_is_made_when_the_one_before_has_its_choice(
-    server: LocalServer,
+def test_a_list_of_quantities_is_made_when_the_one_before_has_its_choice() -> None:
+    with serving("127.0.0.1", 0, "test") as server, visiting(server) as visitor:
+        bench = Bench(server)
+        arms = {"PSM1": read_arm(bench.world, "PSM1")}
+        run_there(server, lambda: QuantityPlots(bench.desk, arms, LastMinute()))
+        for number in range(1, 5):
+            assert not visitor.all(f"Plot {number + 1}")
+            for quantity in ("measured", "velocity"):
+                visitor.use(f"Plot {number}", f"PSM1 yaw {quantity}")
+        widgets = visitor.read().widgets.values()
+        assert sum(w.props.get("label", "").startswith("Plot ") for w in widgets) == 4
+        assert sum(w.kind == "GuiUplotMessage" for w in widgets) == 4
+
+
+def test_a_tool_that_is_taken_off_leaves_gaps_in_the_last_minute(
+    server: LocalServer, visitor: Visitor
 ) -> None:
-    bench = Bench(server)
-    plots = QuantityPlots(bench.desk, {"PSM1": read_arm(bench.world, "PSM1")}, LastMinute())
-    for number in range(4):
-        assert len(plots._rows) == number + 1
-        plots._rows[number][0].value = "PSM1 yaw measured"
-        plots._choose(number)
-        plots._choose(number)
-    assert len(plots._rows) == 4
-
-
-def test_a_tool_that_is_taken_off_leaves_gaps_in_the_last_minute(server: LocalServer) -> None:
     bench, last = Bench(server), LastMinute()
     plots = QuantityPlots(bench.desk, {"PSM1": read_arm(bench.world, "PSM1")}, last)
-    plots._rows[0][0].value = "PSM1 jaw measured"
-    plots._choose(0)
+    visitor.use("Plot 1", "PSM1 jaw measured")
     bench.world.exchange_tool("PSM1", "none")
     for _ in range(3):
         bench.loop.run(PERIOD_S)
@@ -256,39 +278,41 @@ def test_a_tool_that_is_taken_off_leaves_gaps_in_the_last_minute(server: LocalSe
     assert plots.table().splitlines()[-1].endswith(",nan")
 
 
-def test_an_arrow_stands_at_each_contact_as_long_as_its_force(server: LocalServer) -> None:
+def test_an_arrow_stands_at_each_contact_as_long_as_its_force(
+    server: LocalServer, visitor: Visitor
+) -> None:
     bench = Bench(server)
     see = Overlays(bench.desk, bench.loop)
-    see._forces.value = see._trails.value = True
+    for box in ("Contact forces", "Tip paths"):
+        visitor.use(box, True)
     with bench.running():
         bench.goals.set("PSM1", translation([0.1, 0.0, -0.3]) @ tip(bench))  # into the table
         bench.until(6.0)
         bench.loop.post(Command(WORLD, "pause"))
         bench.settled(paused=True)
-        see.show(bench.loop.state)
-        assert see._answer is not None
-        _, contacts, tips = see._answer.result()
-        see.show(bench.loop.state)
-        assert see.shown[0] == len(contacts) > 0 and set(see.shown[1]) == set(tips)
-        assert see._arrows is not None
-        way = see._arrows.points[:, 1] - see._arrows.points[:, 0]
-        newtons = np.sort(np.linalg.norm(contacts[:, 3:], axis=1))[::-1]
-        lengths = np.linalg.norm(way, axis=1)
+        bench.show(see)
+        found = bench.loop.ask(lambda world: [c.force for c in world.contacts().contacts]).result()
+        assert see.shown[0] == len(found) > 0 and set(see.shown[1]) == {"PSM1"}
+        arrows = visitor.node("/see/forces")
+        assert arrows is not None
+        points = arrows.props["points"].reshape(-1, 2, 3)
+        lengths = np.linalg.norm(points[:, 1] - points[:, 0], axis=1)
+        newtons = np.sort(np.linalg.norm(found, axis=1))[::-1]
         assert lengths == pytest.approx(np.minimum(M_PER_N * newtons, LONGEST_M), rel=1e-4)
         see.close()
-        assert see.shown == (0, {})
+        assert see.shown == (0, {}) and visitor.node("/see/forces") is None
 
 
-def test_the_speed_of_the_page_is_that_of_the_loop(server: LocalServer) -> None:
+def test_the_speed_of_the_page_is_that_of_the_loop(server: LocalServer, visitor: Visitor) -> None:
     bench = Bench(server)
     with bench.running():
         bench.refresh()
-        assert bench.folder._speed.value == "max"  # as the loop was made
-        bench.folder._set_speed("0.5 x")
+        assert visitor.widget("Speed").value == "max"  # as the loop was made
+        visitor.use("Speed", "0.5 x")
         bench.loop.ask(lambda world: world.time).result()
         bench.refresh()
-        assert (bench.loop.speed, bench.folder._speed.value) == (0.5, "0.5 x")
+        assert (bench.loop.speed, visitor.widget("Speed").value) == (0.5, "0.5 x")
         bench.desk.seat = "browser 1 drives"
-        bench.folder._set_speed("2 x")
+        visitor.use("Speed", "2 x")
         bench.loop.ask(lambda world: world.time).result()
         assert bench.loop.speed == 0.5

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import logging
 from collections.abc import Iterator
 from dataclasses import replace
@@ -14,6 +13,7 @@ import pytest
 import viser
 
 from tests.live.fake_world import FakeWorld
+from tests.viewer.visitor import visiting
 from trocar.live import Command, Loop
 from trocar.simulation import World
 from trocar.simulation.records import DrawnCurve
@@ -76,7 +76,7 @@ class Desk:
         return [handle.value for handle in self.sliders.handles]
 
     def drag(self, joint: int, value: float) -> None:
-        self.sliders.handles[joint]._impl.value = value
+        self.sliders.handles[joint].value = value
         self.sliders.touch(joint, value)
 
 
@@ -151,7 +151,7 @@ def test_a_locked_brake_greys_its_slider_out(server: LocalServer) -> None:
 def test_gains_are_posted_when_the_typing_is_over(desk: Desk, server: LocalServer) -> None:
     yaw = ArmControls(server.gui, desk.loop, desk.info, desk.world.snapshot()).gains["yaw"]
     for gains in ((1.0, 0.0, 5.0), (15.0, 0.0, 5.0), (150.0, 0.0, 5.0)):
-        yaw.handle._impl.value = gains
+        yaw.handle.value = gains
         yaw.touch(gains)
         yaw.show((100.0, 0.0, 5.0))
     assert desk.posted == []
@@ -366,18 +366,14 @@ def test_a_pedal_is_pressed_by_its_box_and_its_key_and_shows_who_else_pressed_it
     pedal = Pedal("Coag", press, lambda: pressed[0], "G")
     driving = Driving("Pedals", {}, lambda: "", pedals=[pedal])
     tab = DrivingTab(server, driving, "nonce")
-    (box,) = [h for h in handles(server, viser.GuiCheckboxHandle) if h.label == "Coag (G)"]
-    (command,) = server.gui._command_handle_from_uuid.values()
-    assert command.hotkey == "G"
-    for on in (True, False, True):
-        (trigger,) = command._impl.trigger_cb
-        asyncio.run(trigger(None))  # type: ignore[arg-type]
-        assert calls[-1] is on and box.value is on
-    pressed[0] = False  # somebody else released it
-    for _ in range(6 * (SETTLED + 1)):
-        tab.show({})
-    assert box.value is False and len(calls) == 3
-
-
-def handles(server: LocalServer, kind: type) -> list[Any]:
-    return [h for h in server.gui._gui_input_handle_from_uuid.values() if isinstance(h, kind)]
+    with visiting(server) as visitor:
+        for on in (True, False, True):
+            assert visitor.trigger("Pedal: Coag").props["hotkey"] == "G"
+            assert calls[-1] is on and visitor.widget("Coag (G)").value is on
+        for on in (False, True):
+            visitor.use("Coag (G)", on)
+            assert calls[-1] is on
+        pressed[0] = False  # somebody else released it
+        for _ in range(6 * (SETTLED + 1)):
+            tab.show({})
+        assert visitor.widget("Coag (G)").value is False and len(calls) == 5

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import pytest
 
+from tests.viewer.visitor import Visitor, visiting
 from trocar.live import Loop
 from trocar.live.player import Player
 from trocar.simulation import World
+from trocar.viewer.desk import Desk
 from trocar.viewer.page import Page
 from trocar.viewer.playback import (
     BACK,
@@ -21,7 +24,7 @@ from trocar.viewer.playback import (
     RETURN,
     PlaybackFolder,
 )
-from trocar.viewer.server import serving
+from trocar.viewer.server import run_there, serving
 
 
 class Turning:
@@ -44,7 +47,7 @@ class Turning:
 
 
 @pytest.fixture
-def shown() -> Iterator[tuple[Any, Player, Loop]]:
+def shown() -> Iterator[Shown]:
     world = World("psm")
     loop = Loop(world)
     player = Player(loop, Turning())
@@ -54,27 +57,45 @@ def shown() -> Iterator[tuple[Any, Player, Loop]]:
         return PlaybackFolder(desk, player)
 
     with serving("127.0.0.1", 0, "test") as server:
-        page = Page(server, world, loop, folders=(folder,), player=player)
-        desk = page.open(server)
-        desk.build(1920)
-        loop.start()
-        try:
-            yield desk, player, loop
-        finally:
-            loop.close()
+        page = run_there(
+            server, lambda: Page(server, world, loop, folders=(folder,), player=player)
+        )
+        with visiting(server) as visitor:
+            visitor.report()
+            loop.start()
+            try:
+                yield Shown(page, visitor, player, loop)
+            finally:
+                loop.close()
 
 
-def folder_of(desk: Any) -> Any:
-    (folder,) = desk.folders
-    return folder
+@dataclass
+class Shown:
+    """A page that shows a recording, and who looks at it."""
 
+    page: Page
+    visitor: Visitor
+    player: Player
+    loop: Loop
 
-def settled(desk: Any, player: Player, loop: Loop) -> None:
-    for _ in range(2):  # what was posted, and what the tick after it shows
-        loop.ask(lambda _: None).result(10.0)
-    assert not player.seeks
-    desk.refresh(loop.state, {})
-    folder_of(desk).show(loop.state)
+    @property
+    def desk(self) -> Desk:
+        return self.page.desks[self.visitor.who]
+
+    @property
+    def acts(self) -> tuple[str, ...]:
+        """The buttons that are shown."""
+        return self.visitor.widget("Recording").options
+
+    def refresh(self) -> None:
+        (folder,) = self.desk.folders
+        run_there(self.page.server, lambda: folder.show(self.loop.state))
+
+    def settle(self) -> None:
+        for _ in range(2):  # what was posted, and what the tick after it shows
+            self.loop.ask(lambda _: None).result(10.0)
+        assert not self.player.seeks
+        self.refresh()
 
 
 def paused(loop: Loop) -> None:
@@ -90,53 +111,51 @@ def yaw(loop: Loop) -> float:
 
 
 @pytest.fixture
-def still(shown: tuple[Any, Player, Loop]) -> tuple[Any, Player, Loop]:
-    desk, player, loop = shown
-    paused(loop)
-    player.active = True  # ticks before the pause left it
-    player.seek(5.0)
-    settled(desk, player, loop)
+def still(shown: Shown) -> Shown:
+    paused(shown.loop)
+    shown.player.active = True  # ticks before the pause left it
+    shown.player.seek(5.0)
+    shown.settle()
     return shown
 
 
-def test_the_slider_shows_the_moment_and_goes_to_another(still: Any) -> None:
-    desk, player, loop = still
-    folder = folder_of(desk)
-    folder._seek(1.2)
-    settled(desk, player, loop)
-    assert yaw(loop) == pytest.approx(0.12, abs=1e-9)
-    assert folder._slider.value == pytest.approx(1.2)
-    assert "1.200 of 2.000 s" in folder._text.content and "of nobody" in folder._text.content
+def test_the_slider_shows_the_moment_and_goes_to_another(still: Shown) -> None:
+    still.visitor.use("Moment s", 1.2)
+    still.settle()
+    assert yaw(still.loop) == pytest.approx(0.12, abs=1e-9)
+    assert still.visitor.widget("Moment s").value == pytest.approx(1.2)
+    text = still.visitor.text("recording")
+    assert "1.200 of 2.000 s" in text and "of nobody" in text
+    still.player.seek(5.5)  # another browser's slider
+    still.settle()
+    assert still.visitor.widget("Moment s").value == pytest.approx(0.5)
 
 
-def test_steps_go_by_a_moment_or_a_tenth_of_a_second_and_end_at_the_ends(still: Any) -> None:
-    desk, player, loop = still
-    folder = folder_of(desk)
+def test_steps_go_by_a_moment_or_a_tenth_of_a_second_and_end_at_the_ends(still: Shown) -> None:
     for name, expected in ((FORTH_ONE, 5.1), (FORTH, 5.2), (BACK, 5.1), (BACK, 5.0), (BACK, 5.0)):
-        folder._step(name)
-        settled(desk, player, loop)
-        assert player.time_s == pytest.approx(expected)
+        still.visitor.use("Moment by moment", name)
+        still.settle()
+        assert still.player.time_s == pytest.approx(expected)
 
 
-def test_while_a_recording_is_shown_no_arm_is_driven_and_time_is_not_let_flow(still: Any) -> None:
-    desk, player, loop = still
+def test_while_a_recording_is_shown_no_arm_is_driven_and_time_is_not_let_flow(
+    still: Shown,
+) -> None:
+    desk = still.desk
     assert "a recording is shown: Continue from here" in desk.blocked("PSM1")
     assert desk.seat and not desk.watching
-    folder = folder_of(desk)
-    assert folder._acts.names == (PLAY, CONTINUE)
-    folder._press(CONTINUE)
-    settled(desk, player, loop)
-    assert folder._acts.names == (RETURN,) and not desk.blocked("PSM1")
-    folder._press(RETURN)
-    settled(desk, player, loop)
-    assert folder._acts.names == (PLAY, CONTINUE) and desk.blocked("PSM1")
+    assert still.acts == (PLAY, CONTINUE)
+    still.visitor.use("Recording", CONTINUE)
+    still.settle()
+    assert still.acts == (RETURN,) and not desk.blocked("PSM1")
+    still.visitor.use("Recording", RETURN)
+    still.settle()
+    assert still.acts == (PLAY, CONTINUE) and desk.blocked("PSM1")
 
 
-def test_play_becomes_pause(still: Any) -> None:
-    desk, player, loop = still
-    folder = folder_of(desk)
-    folder._press(PLAY)
-    folder.show(loop.state)
-    assert folder._acts.names[0] == PAUSE
-    folder._press(PAUSE)
-    assert not player.playing
+def test_play_becomes_pause(still: Shown) -> None:
+    still.visitor.use("Recording", PLAY)
+    still.refresh()
+    assert still.acts[0] == PAUSE
+    still.visitor.use("Recording", PAUSE)
+    assert not still.player.playing

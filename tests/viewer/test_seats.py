@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import json
-from types import SimpleNamespace
-from typing import Any
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import pytest
 
+from tests.viewer.visitor import Visitor, visiting
 from trocar.live import Command, Loop
 from trocar.live.access import PageAccess
 from trocar.simulation import World
 from trocar.viewer import Driving, Pedal
-from trocar.viewer.desk import GIVE, REQUEST, Desk
+from trocar.viewer.desk import GIVE, NUMBERS_EVERY, REQUEST
 from trocar.viewer.page import Page
 from trocar.viewer.seats import ANSWER_S, Seats
 from trocar.viewer.server import run_there, serving
@@ -81,66 +81,59 @@ class Room:
             pedals=(Pedal("Clutch", self.pressed.append, lambda: False),),
         )
 
-    def open(self, page: Page, who: int, query: str) -> Desk:
-        """Open the page as a browser whose page has this query."""
-        desk = page.open(page.server, who)
-        desk._channel.receive(json.dumps({"width": 1920, "frames": None, "query": query}))
-        return desk
+    @contextmanager
+    def serving(self) -> Iterator[Page]:
+        with serving("0.0.0.0", 0, "test", PageAccess(token="0123456789abcdef")) as server:
+            yield run_there(
+                server, lambda: Page(server, self.world, self.loop, driving=self.driving)
+            )
+
+
+@contextmanager
+def looking(page: Page, query: str) -> Iterator[Visitor]:
+    """Look at the page with a browser whose page has this query."""
+    with visiting(page.server, query) as visitor:
+        visitor.report(query=query)
+        yield visitor
 
 
 def test_what_a_spectator_s_browser_sends_moves_nothing() -> None:
     room = Room()
-    with serving("0.0.0.0", 0, "test", PageAccess(token="0123456789abcdef")) as server:
-        page = run_there(server, lambda: Page(server, room.world, room.loop, driving=room.driving))
-        access = server.page.access
-        watching = run_there(server, lambda: room.open(page, 0, access.watch_query))
+    with room.serving() as page, looking(page, page.server.page.access.watch_query) as watching:
         touch_all(watching)
         assert room.posted == [] and room.pressed == []
-        console = run_there(server, lambda: room.open(page, 1, access.query))
-        touch_all(console)
-        assert len(room.posted) >= 8 and room.pressed == [True]
-        run_there(server, lambda: (watching._press_seat(REQUEST), console._press_seat(GIVE)))
-        run_there(server, lambda: [d._show_controls(room.loop.state) for d in (watching, console)])
-        room.posted.clear()
-        touch_all(watching)
-        assert len(room.posted) >= 8
+        with looking(page, page.server.page.access.query) as console:
+            touch_all(console)
+            assert len(room.posted) >= 8 and room.pressed == [True]
+            run_there(page.server, page.refresh)
+            watching.use("Driver", REQUEST)
+            for _ in range(NUMBERS_EVERY):
+                run_there(page.server, page.refresh)
+            console.use("Driver", GIVE)
+            for _ in range(NUMBERS_EVERY):
+                run_there(page.server, page.refresh)
+            room.posted.clear()
+            touch_all(watching)
+            assert len(room.posted) >= 8
 
 
-def touch_all(desk: Desk) -> None:
+def touch_all(visitor: Visitor) -> None:
     """Send what a browser can send of its widgets, whatever its page offers."""
-    assert desk.panel is not None and desk.panel.controls is not None and desk._hands is not None
-    controls = desk.panel.controls
-    pedals = [setting.handle for _, setting in desk._hands._pedals]
-    for handle in (*controls.sliders.handles, controls._mode.handle, *pedals):
-        send(handle, True if handle in pedals else handle.value)
-    for buttons in (desk.panel._time, desk.panel._poses, controls._power):
-        send(buttons._handle, buttons.names[0])
-
-
-def send(handle: Any, value: object) -> None:
-    event = SimpleNamespace(client_id=7, target=SimpleNamespace(value=value))
-    for act in handle._impl.update_cb:
-        run(act(event))
-
-
-def run(work: Any) -> None:
-    """Run a coroutine that waits for nothing."""
-    with pytest.raises(StopIteration):
-        work.send(None)
+    sliders = [w for w in visitor.read().widgets.values() if w.kind == "GuiSliderMessage"]
+    assert len(sliders) == 7
+    for slider in sliders:
+        ends = slider.props["min"], slider.props["max"]
+        visitor.give(slider, ends[slider.value == ends[0]])
+    for label in ("Time", "All arms to", "Power", "Mode", "Clutch"):
+        widget = visitor.widget(label)
+        visitor.give(widget, not widget.value if label == "Clutch" else widget.options[-1])
 
 
 @pytest.mark.parametrize(("console", "sends"), [(True, True), (False, False)])
-def test_keys_are_sent_by_pages_of_a_console_only(
-    console: bool, sends: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    framed: list[int] = []
-    monkeypatch.setattr(
-        "trocar.viewer.driving._frame", lambda *_: framed.append(1) or "<p>keys</p>"
-    )
+def test_keys_are_sent_by_pages_of_a_console_only(console: bool, sends: bool) -> None:
     room = Room()
-    with serving("0.0.0.0", 0, "test", PageAccess(token="0123456789abcdef")) as server:
-        page = run_there(server, lambda: Page(server, room.world, room.loop, driving=room.driving))
-        access = server.page.access
-        query = access.query if console else access.watch_query
-        run_there(server, lambda: room.open(page, 0, query))
-    assert bool(framed) is sends
+    with room.serving() as page:
+        access = page.server.page.access
+        with looking(page, access.query if console else access.watch_query) as visitor:
+            assert ("srcdoc" in visitor.text("keys")) is sends
+            assert ("forward" in visitor.text("mapping")) is not sends

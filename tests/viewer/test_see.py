@@ -10,16 +10,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from viser import ClientHandle
 
+from tests.viewer.visitor import visiting
 from trocar.geometry.rotations import matrix_from_quaternion
 from trocar.kinematics.workspace import workspace
 from trocar.live import Command, Loop
-from trocar.rendering.primitives import surface
+from trocar.rendering.primitives import joined, surface
 from trocar.simulation import World
 from trocar.simulation.journal import WORLD
 from trocar.viewer.outline import CLICK, OBJECTS, PICK, Outline, first_hit, outline
 from trocar.viewer.scene import body_names, node_of
-from trocar.viewer.server import LocalServer, serving
+from trocar.viewer.server import LocalServer, run_there, serving
 from trocar.viewer.workspace import WorkspaceSurface
 
 
@@ -38,7 +40,7 @@ def loop() -> Iterator[Loop]:
     loop.stop()
 
 
-def browser(server: LocalServer, arm: str = "ECM") -> Any:
+def browser(server: LocalServer | ClientHandle, arm: str = "ECM") -> Any:
     panel = SimpleNamespace(arm=SimpleNamespace(name=arm))
     return SimpleNamespace(browser=server, panel=panel, pressers={})
 
@@ -93,27 +95,31 @@ def test_bodies_have_the_names_that_mujoco_has(rig: str) -> None:
     assert len(set(names.values())) == len(names)
 
 
-def outline_of(server: LocalServer, loop: Loop) -> tuple[Any, Outline]:
+def made_outline(server: LocalServer | ClientHandle, loop: Loop) -> tuple[Any, Outline]:
     desk = browser(server)
-    tree = Outline(desk, loop)
+    return desk, Outline(desk, loop)
 
-    def filled() -> bool:
-        tree.show(loop.state)
-        return bool(tree.groups)
 
-    until(filled)
+def filled(tree: Outline, loop: Loop) -> bool:
+    tree.show(loop.state)
+    return bool(tree.groups)
+
+
+def outline_of(server: LocalServer, loop: Loop) -> tuple[Any, Outline]:
+    desk, tree = made_outline(server, loop)
+    until(lambda: filled(tree, loop))
     return desk, tree
 
 
 def test_a_ray_at_a_triangle_of_a_link_picks_that_link(server: LocalServer, loop: Loop) -> None:
     _, tree = outline_of(server, loop)
     now, rng = loop.latest, np.random.default_rng(0)
-    names = body_names(loop.ask(lambda world: world.shapes()).result())
-    tree.under(np.zeros(3), np.array([0.0, 0.0, 1.0]))
+    shapes = loop.ask(lambda world: world.shapes()).result()
+    names = body_names(shapes)
     others = 0  # faces of hinges lie on each other
     name, at, normal = "", np.zeros(3), np.zeros(3)
     for body, name in names.items():
-        found = tree._surfaces[body]
+        found = joined([surface(shape) for shape in shapes if shape.body == body])
         a, b, c = found.points[found.faces[rng.integers(len(found.faces))]]
         normal = np.cross(b - a, c - a)
         R = matrix_from_quaternion(now.quaternions[body])
@@ -140,41 +146,51 @@ def test_a_ray_meets_a_ball_where_geometry_has_it() -> None:
 def test_links_are_hidden_in_one_browser_alone_and_come_back(
     server: LocalServer, loop: Loop
 ) -> None:
-    desk, tree = outline_of(server, loop)
-    assert OBJECTS in tree.groups and desk.pressers["outline"] == tree.press
-    links = {entry.name for entry in tree.groups["PSM1"]}
-    covers = server.scene._handle_from_node_name
-    tree.press("see/PSM1/yaw")
-    assert tree.hidden == {"PSM1/yaw"} and node_of("PSM1/yaw") in covers
-    tree.press("see/PSM1")
-    assert tree.hidden == links
-    tree.press("see/PSM1")
-    assert not tree.hidden and node_of("PSM1/yaw") not in covers
-    tree.press("see/nothing")
-    tree.press("pick/nothing")
-    assert not tree.hidden and tree.picked is None
-    tree.press("see/table")
-    tree.close()
-    assert node_of("table") not in covers
+    with visiting(server) as one, visiting(server) as other:
+        browser = server.get_clients()[one.who]
+        desk, tree = run_there(server, lambda: made_outline(browser, loop))
+        until(lambda: run_there(server, lambda: filled(tree, loop)))
+        links = {entry.name for entry in tree.groups["PSM1"]}
+        assert OBJECTS in tree.groups
+
+        def press(words: str) -> None:
+            run_there(server, lambda: desk.pressers["outline"](words))
+
+        press("see/PSM1/yaw")
+        assert tree.hidden == {"PSM1/yaw"}
+        cover = one.node(node_of("PSM1/yaw"))
+        assert cover is not None and cover.kind == "FrameMessage" and not cover.props["show_axes"]
+        assert other.node(node_of("PSM1/yaw")) is None
+        press("see/PSM1")
+        assert tree.hidden == links
+        press("see/PSM1")
+        assert not tree.hidden and one.node(node_of("PSM1/yaw")) is None
+        press("see/nothing")
+        press("pick/nothing")
+        assert not tree.hidden and tree.picked is None
+        press("see/table")
+        run_there(server, tree.close)
+        assert one.node(node_of("table")) is None
 
 
 def test_a_picked_link_has_its_name_and_axes_in_the_scene(server: LocalServer, loop: Loop) -> None:
     _, tree = outline_of(server, loop)
-    tree.press("pick/PSM2/insertion")
-    assert tree.picked is not None and tree.picked.body is not None and "PSM2" in tree.opened
-    assert tree._label is not None and tree._label.text == "PSM2/insertion"
-    assert tree._axes is not None
-    assert np.allclose(tree._axes.position, loop.latest.positions[tree.picked.body])
-    assert np.allclose(tree._axes.wxyz, loop.latest.quaternions[tree.picked.body])
-    assert "picked" in tree._tree.content
-    tree.press("pick/PSM2/insertion")
-    assert tree.picked is None and tree._label is None
-    assert tree._pick.names == (PICK,)
-    tree._arm_pick()
-    assert tree._pick.names == (CLICK,)
-    tree._arm_pick()
-    assert tree._pick.names == (PICK,)
-    tree.close()
+    with visiting(server) as visitor:
+        tree.press("pick/PSM2/insertion")
+        assert tree.picked is not None and tree.picked.body is not None and "PSM2" in tree.opened
+        label, axes = visitor.node("/see/picked_name"), visitor.node("/see/picked")
+        assert label is not None and label.props["text"] == "PSM2/insertion"
+        assert axes is not None
+        assert np.allclose(axes.position, loop.latest.positions[tree.picked.body])
+        assert np.allclose(axes.wxyz, loop.latest.quaternions[tree.picked.body])
+        assert 'class="picked"' in visitor.text("outline")
+        tree.press("pick/PSM2/insertion")
+        assert tree.picked is None and visitor.node("/see/picked_name") is None
+        for name, next_name in ((PICK, CLICK), (CLICK, PICK)):
+            assert visitor.widget("Pick").options == (name,)
+            visitor.use("Pick", name)
+            assert visitor.widget("Pick").options == (next_name,)
+        tree.close()
 
 
 def test_the_outline_has_each_body_once_and_what_bends_last() -> None:

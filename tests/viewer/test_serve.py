@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from viser.infra._async_message_buffer import AsyncMessageBuffer
+from viser.infra import Message, WebsockMessageHandler
 
 import trocar
 from tests.live.fake_world import FakeWorld
@@ -153,14 +153,14 @@ class OpenPage(Page):
 
 def test_the_page_speaks_from_visers_own_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     speakers: list[str] = []
-    push = AsyncMessageBuffer.push
+    queue = WebsockMessageHandler.queue_message
 
-    def listen(self: AsyncMessageBuffer, message: Any) -> None:
+    def listen(self: WebsockMessageHandler, message: Message) -> None:
         speakers.append(threading.current_thread().name)
-        push(self, message)
+        queue(self, message)
 
     def begin(_: str) -> None:
-        monkeypatch.setattr(AsyncMessageBuffer, "push", listen)
+        monkeypatch.setattr(WebsockMessageHandler, "queue_message", listen)
 
     monkeypatch.setattr("trocar.viewer.page.Page", OpenPage)
     serve(fake(), port=0, duration_s=SILENT_S + 0.5, on_ready=begin)

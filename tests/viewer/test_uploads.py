@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import io
 import json
 import zipfile
@@ -12,9 +11,8 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from viser._messages import FileTransferStartUpload
-from viser.infra._infra import ClientId
 
+from tests.viewer.visitor import visiting
 from trocar.descriptions import load_rig
 from trocar.descriptions.catalogue import load_scene
 from trocar.errors import InputError
@@ -22,7 +20,7 @@ from trocar.geometry.rotations import matrix_from_rpy
 from trocar.geometry.se3 import transform
 from trocar.simulation import World
 from trocar.viewer import Gallery, uploads
-from trocar.viewer.own_things import OwnThings
+from trocar.viewer.own_things import LOAD, OwnThings
 from trocar.viewer.server import LocalServer, serving
 from trocar.viewer.uploads import MOST_BYTES, archive, check_size, placed_rig, understand
 
@@ -150,36 +148,41 @@ def folder_of(server: LocalServer) -> tuple[Any, Any, Gallery]:
 
 def test_a_thing_is_shown_where_its_handle_stands_and_loaded_there(server: LocalServer) -> None:
     folder, _, gallery = folder_of(server)
-    folder._unit.value = "mm"
-    asyncio.run(folder._receive("my block.obj", BLOCK))
-    assert "an object" in folder._text.content and len(folder._nodes) == 1
-    folder._handle.position = (0.0, 0.1, 0.4)
-    asyncio.run(folder._load())
-    assert gallery.chosen is not None and gallery.chosen.kind == "rig"
-    placed = World(gallery.chosen.name).object("my_block").measured_cp().matrix
-    assert placed[:3, 3] == pytest.approx([0.0, 0.1, 0.4])
-    folder.close()
-    assert not folder._nodes
+    with visiting(server) as visitor:
+        visitor.use("Unit", "mm")
+        visitor.upload("Upload a file", "my block.obj", BLOCK)
+        visitor.wait(lambda: "an object" in visitor.text("own"))
+        visitor.wait(lambda: visitor.node("/own/handle/body_0"))
+        visitor.drag("/own/handle", (0.0, 0.1, 0.4))
+        visitor.use("Thing", LOAD)
+        visitor.wait(lambda: gallery.chosen)
+        assert gallery.chosen is not None and gallery.chosen.kind == "rig"
+        placed = World(gallery.chosen.name).object("my_block").measured_cp().matrix
+        assert placed[:3, 3] == pytest.approx([0.0, 0.1, 0.4])
+        folder.close()
+        assert not [name for name in visitor.read().nodes if name.startswith("/own/")]
 
 
 def test_a_file_that_is_nothing_leaves_its_error_and_who_watches_uploads_nothing(
     server: LocalServer,
 ) -> None:
     folder, desk, gallery = folder_of(server)
-    asyncio.run(folder._receive("a.stl", b""))
-    assert "a.stl: is empty" in folder._text.content
-    desk.seat = "another browser drives"
-    asyncio.run(folder._receive("my block.obj", BLOCK))
-    assert folder._thing is None and gallery.chosen is None
+    with visiting(server) as visitor:
+        visitor.upload("Upload a file", "a.stl", b"")
+        visitor.wait(lambda: "a.stl: is empty" in visitor.text("own"))
+        desk.seat = "another browser drives"
+        visitor.upload("Upload a file", "my block.obj", BLOCK)
+        assert "a.stl: is empty" in visitor.text("own")  # not "importing my block.obj ..."
+        desk.seat = ""
+        visitor.use("Thing", LOAD)
+        assert gallery.chosen is None and "a.stl: is empty" in visitor.text("own")
+        folder.close()
 
 
 def test_a_file_that_is_announced_too_large_is_never_taken(server: LocalServer) -> None:
-    folder, _, _ = folder_of(server)
-    (handler,) = server.gui._websock_interface._incoming_handlers[FileTransferStartUpload]
-    for size in (MOST_BYTES, MOST_BYTES + 1):
-        handler(
-            ClientId(0),
-            FileTransferStartUpload(folder._upload._impl.uuid, f"u{size}", "a.stl", "", 1, size),
-        )
-    assert "allowed: up to 50 MB" in folder._text.content
-    assert {*server.gui._current_file_upload_states} == {f"u{MOST_BYTES}"}
+    folder_of(server)
+    with visiting(server) as visitor:
+        sizes = (MOST_BYTES, MOST_BYTES + 1)
+        sent = [visitor.upload("Upload a file", "a.stl", b"first part", size) for size in sizes]
+        assert "allowed: up to 50 MB" in visitor.text("own")
+        assert visitor.acknowledged & {*sent} == {sent[0]}

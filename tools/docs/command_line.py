@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable
 from pathlib import Path
 
+from trocar.cli.arguments import Parser
 from trocar.cli.program import build_parser
 
 ROOT = Path(__file__).parents[2]
@@ -22,7 +23,7 @@ def page() -> str:
     head, _, rest = TEMPLATE.read_text(encoding="utf-8").partition("<!-- commands -->\n")
     pieces = re.split(r"^<!-- after (\S+) -->\n", rest, flags=re.MULTILINE)[1:]
     after = dict(zip(pieces[::2], (text.strip() for text in pieces[1::2]), strict=True))
-    found = _subparsers(build_parser())
+    found = build_parser().commands
     unknown = after.keys() - found.keys()
     if unknown:
         raise ValueError(f"{TEMPLATE.name}: no command {', '.join(sorted(unknown))}")
@@ -38,16 +39,7 @@ def page() -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def _subparsers(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
-    for action in parser._actions:
-        if isinstance(action, argparse._SubParsersAction):
-            return dict(action.choices)
-    return {}
-
-
-def _command(
-    called: str, parser: argparse.ArgumentParser, shared: Collection[tuple[str, str]]
-) -> list[str]:
+def _command(called: str, parser: Parser, shared: Collection[tuple[str, str]]) -> list[str]:
     """Return what a command does, how it is called, and a table of its options."""
     actions = _arguments(parser)
     options = ["[OPTIONS]"] if any(a.option_strings and not a.required for a in actions) else []
@@ -61,11 +53,11 @@ def _command(
     return [part for part in parts if part]
 
 
-def _arguments(parser: argparse.ArgumentParser) -> list[argparse.Action]:
-    return [a for a in parser._actions if a.help != argparse.SUPPRESS and a.dest != "help"]
+def _arguments(parser: Parser) -> list[argparse.Action]:
+    return [a for a in parser.arguments if a.dest != "help"]
 
 
-def _rows(parser: argparse.ArgumentParser) -> list[tuple[str, str]]:
+def _rows(parser: Parser) -> list[tuple[str, str]]:
     """Return the name and the help of each argument."""
     return [(_name(action), _help(parser, action)) for action in _arguments(parser)]
 
@@ -111,7 +103,7 @@ def _value(action: argparse.Action) -> str:
     return f"{one} ..." if action.nargs in ("+", "*") else one
 
 
-def _help(parser: argparse.ArgumentParser, action: argparse.Action) -> str:
+def _help(parser: Parser, action: argparse.Action) -> str:
     text = parser._get_formatter()._expand_help(action) if action.help else ""
     return _linked(_escaped(text))
 

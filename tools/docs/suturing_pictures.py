@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from benchmarks.suturing_scenes import suturing_scene
 from trocar.descriptions.cameras import load_camera
 from trocar.rendering import Endoscope, Look
 from trocar.rendering.film import video
 from trocar.tasks.controller import PERIOD_S
 from trocar.tasks.scenes.suturing import Suturing
-from trocar.tasks.suturing.scene import suturing_scene
 
 FOLDER = Path(__file__).parents[2] / "docs" / "images"
 #: The episode; size, rate and quality of the video; quality of the picture.

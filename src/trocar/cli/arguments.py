@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 import re
 import textwrap
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NoReturn, Protocol
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NoReturn, Protocol, cast
 
 from trocar.errors import InputError
 
@@ -31,6 +31,19 @@ class Parser(argparse.ArgumentParser):
     def __init__(self, **options: object) -> None:
         options.setdefault("formatter_class", argparse.RawDescriptionHelpFormatter)
         super().__init__(**options)  # type: ignore[arg-type]
+
+    @property
+    def arguments(self) -> list[argparse.Action]:
+        """Its arguments, in their order."""
+        return self._actions  # argparse has no public way
+
+    @property
+    def commands(self) -> Mapping[str, Parser]:
+        """{name: its subcommand}, in their order; empty where it has none."""
+        for action in self.arguments:
+            if action.nargs == argparse.PARSER:
+                return cast("Mapping[str, Parser]", action.choices)
+        return {}
 
     def _print_message(self, message: str, file: SupportsWrite[str] | None = None) -> None:
         print(message, end="", file=file)  # argparse's own ignores a full disk
@@ -133,12 +146,12 @@ def options(parser: Arguments, table: str, **types: Callable[[str], Any]) -> Non
         parser.add_argument(*names.split(","), help=help_text, **keywords)
 
 
-def names_of(*tables: Callable[[argparse.ArgumentParser], object]) -> list[str]:
+def names_of(*tables: Callable[[Parser], object]) -> list[str]:
     """Return the options that functions add to a parser, as attributes of parsed arguments."""
-    parser = argparse.ArgumentParser(add_help=False)
+    parser = Parser(add_help=False)
     for add in tables:
         add(parser)
-    return [action.dest for action in parser._actions]  # argparse has no public way
+    return [action.dest for action in parser.arguments]
 
 
 def allow(args: argparse.Namespace, when: str, *names: str) -> None:

@@ -12,7 +12,7 @@ from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from typing import TYPE_CHECKING, Any
 
 from trocar.cli.arguments import add_json, allow, options
-from trocar.cli.output import print_result, progress_steps, table, warn
+from trocar.cli.output import print_result, progress_steps, table
 from trocar.errors import InputError
 from trocar.robot.experiments import BENCHED, chosen, listed, names_of
 
@@ -59,17 +59,14 @@ def run(args: Namespace) -> int:
                 f"--calibration: got the PART {word!r}; PART comes first, as in"
                 f" `trocar bench {word} --calibration OVERLAY`"
             )
+    if args.calibration == []:
+        raise InputError("--calibration: got no OVERLAY; allowed: one or more")
     overlays = [read_overlay(file) for file in args.calibration or ()]
     if overlays and (set(args.part) - {"speed"} or args.log):
         raise InputError(
             "--calibration OVERLAY: allowed with PART speed only; to measure the accuracy of a"
             " calibrated robot, run `trocar verify --calibration`"
         )
-    if args.calibration == []:
-        if "fidelity" not in args.part:
-            raise InputError("--calibration: got no OVERLAY; allowed: one or more")
-        warn("--calibration without an OVERLAY is deprecated; use PART calibration")
-        args.part = [*args.part, "calibration"]
     names = args.part or (("speed",) if overlays else names_of(chosen(PARTS, ())))
     for part in PARTS:
         if part.name not in names:

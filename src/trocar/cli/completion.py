@@ -7,9 +7,9 @@ fish: trocar completion fish > ~/.config/fish/completions/trocar.fish
 
 from __future__ import annotations
 
-from argparse import PARSER, SUPPRESS, Action, ArgumentParser, Namespace
-from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, cast
+from argparse import Action, ArgumentParser, Namespace
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import speed
 
@@ -50,10 +50,8 @@ def _commands() -> Iterator[tuple[str, str, list[Action]]]:
     """Return (name, summary, arguments) of each command."""
     from trocar.cli.program import COMMANDS, build_parser
 
-    # argparse has no public way to list arguments.
-    (choices,) = (a.choices for a in build_parser()._actions if a.nargs == PARSER)
-    for name, parser in cast("Mapping[str, ArgumentParser]", choices).items():
-        yield name, COMMANDS[name], [a for a in parser._actions if a.help != SUPPRESS]
+    for name, parser in build_parser().commands.items():
+        yield name, COMMANDS[name], parser.arguments
 
 
 def _values(action: Action) -> list[str]:

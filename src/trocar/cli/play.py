@@ -78,11 +78,6 @@ def add_arguments(parser: ArgumentParser) -> None:
                                 table): cavity is the inside of a body, drawn only
         --generation classic|si  of the arms (default: as the scene has them, Classic): si has the
                                 same ports, tips and tools
-        --stitches N:int        of suturing: how many (default: 1); deprecated: --set pad.stitches=N
-        --needle SIZE           of suturing: 26mm-half (default), 36mm-half, 24mm-3/8, ...;
-                                deprecated: --set needle.length_mm=36 and the like
-        --tissue NAME           of suturing: phantom (default), skin or soft; deprecated: --set
-                                pad.modulus_kpa=100 and the like
         --plan FILE             of suturing: write the plan of the first episode's stitches, as TOML
                                 or as a picture (.png, extra plot), before it is played
         --register points|image  of suturing: find the wound by noisy points of it (default), or in
@@ -191,23 +186,12 @@ def _allow(args: Namespace) -> None:
 
 def _scene(args: Namespace) -> Scene | str:
     """Return the scene, by its name where nothing of it is changed."""
-    given = {key: getattr(args, key) for key in ("stitches", "needle", "tissue")}
-    given = {key: value for key, value in given.items() if value is not None}
-    if not given:
-        look, scene = changed_look(args), args.scene
-        settings = [*args.settings, *(["generation=Si"] if args.generation == "si" else [])]
-        settings += [f"surroundings={args.place}"] if args.place else []
-        if settings:
-            scene = _with_settings(scene, settings)
-        return replace(_loaded(scene), look=look) if look else scene
-    if args.settings:
-        raise InputError(f"--{next(iter(given))}: got --set, too; allowed: one of them")
-    if args.scene != "suturing":
-        raise InputError(f"--{next(iter(given))}: got the scene {args.scene}; allowed: suturing")
-    from trocar.tasks.suturing.scene import suturing_scene
-
-    scene = suturing_scene(**given)
-    return replace(scene, rig=replace(scene.rig, surroundings=args.place or "table"))
+    look, scene = changed_look(args), args.scene
+    settings = [*args.settings, *(["generation=Si"] if args.generation == "si" else [])]
+    settings += [f"surroundings={args.place}"] if args.place else []
+    if settings:
+        scene = _with_settings(scene, settings)
+    return replace(_loaded(scene), look=look) if look else scene
 
 
 def _with_settings(name: str, texts: list[str]) -> Scene:

@@ -45,14 +45,6 @@ def _commands() -> dict[str, str]:
 #: {subcommand: its line in `trocar --help`}.
 COMMANDS = _commands()
 
-#: Options of `trocar calibrate` that became commands.
-FORMER = {
-    ("--plan",): "calibrate-plan",
-    ("--from", "kinematics"): "calibrate-bases",
-    ("--from", "paper"): "calibrate-paper",
-    ("--from", "tracks"): "calibrate",
-}
-
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 #: Exit status after SIGTERM. Source: shells report 128 + signal.
 TERMINATED = 128 + signal.SIGTERM
@@ -111,21 +103,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return status
 
 
-def _current(words: list[str]) -> list[str]:
-    """Replace the former spelling of a command, with a warning; until version 0.2."""
-    if words[:1] != ["calibrate"]:
-        return words
-    rest = [part for word in words for part in re.split("(?<=^--from)=", word)]
-    for former, command in FORMER.items():
-        at = next((i for i in range(1, len(rest)) if rest[i : i + len(former)] == [*former]), 0)
-        if at:
-            _complain(f"warning: calibrate {' '.join(former)}: deprecated; use trocar {command}")
-            return [command, *rest[1:at], *rest[at + len(former) :]]
-    return words
-
-
 def _run(words: list[str]) -> int:
-    words = _current(words)
     if "-".join(words[:2]) in COMMANDS:  # `trocar calibrate camera`
         words = ["-".join(words[:2]), *words[2:]]
     command = next((word for word in words if not word.startswith("-")), None)
@@ -195,9 +173,9 @@ def build_parser(described: Collection[str] = tuple(COMMANDS), defaults: bool = 
         if defaults:
             command.set_defaults(run=module.run)
             continue
-        command._defaults.clear()  # argparse has no public way, nor one to list arguments
+        command._defaults.clear()  # argparse has no public way
         called: dict[str, str] = {}
-        for action in command._actions:
+        for action in command.arguments:
             if action.option_strings:
                 action.default = SUPPRESS
                 before = f"{called[action.dest]} or " if action.dest in called else ""

@@ -11,14 +11,14 @@ import os
 import re
 import secrets
 import sys
-from argparse import SUPPRESS, ArgumentParser, ArgumentTypeError, Namespace
+from argparse import ArgumentParser, Namespace
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, NoReturn
+from typing import TYPE_CHECKING, Literal
 from urllib.parse import urlsplit
 
 from trocar.cli.arguments import Arguments, add_origin, add_port, allow, names_of, options
@@ -72,7 +72,6 @@ def add_serving(parser: ArgumentParser) -> None:
                                          no further effort, wrench or velocity (default: 0.1; 0 =
                                          never, as on the dVRK)
     """)  # fmt: skip
-    clients.add_argument("--compat", type=_compat_removed, nargs="?", const="", help=SUPPRESS)
     assistance = parser.add_argument_group("assistance (docs/assistance.md)")
     options(assistance, """
         --fixture FILE  virtual fixtures, TOML file: forces at masters, and a filter of servo_cp
@@ -89,15 +88,6 @@ def add_host(parser: Arguments) -> None:
                                  machines watch, and drive if the viewer here lets them
         --token TOKEN            token required by the web viewer (default: $TROCAR_TOKEN)
     """)  # fmt: skip
-
-
-def _compat_removed(name: str) -> NoReturn:
-    """Reject --compat, whose topics of dvrk_env and dvrk_vrep were removed."""
-    topics = name or "dvrk_env and dvrk_vrep"
-    raise ArgumentTypeError(
-        f"the topics of {topics} were removed; use those of the dVRK (docs/topics.md), "
-        "e.g. /PSM1/measured_js and /PSM1/servo_jp"
-    )
 
 
 def allow_headless(args: Namespace) -> None:

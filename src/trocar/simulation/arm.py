@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -105,22 +103,6 @@ class Arm:
             )
         )
         return f"<Arm {self.name!r}: {described.type}{tool}, {self.operating_state().state}; {q}>"
-
-    if not TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Any:
-            """Answer names that moved to a part of the arm, with a warning, for one release."""
-            path = MOVED.get(name)
-            if path is None or name == "runtime":
-                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-            instead, _, note = path.partition(" ")
-            warnings.warn(
-                f"Arm.{name} is Arm.{note or instead} now", DeprecationWarning, stacklevel=2
-            )
-            found: Any = self
-            for part in instead.split("."):
-                found = getattr(found, part)
-            return found
 
     @property
     def description(self) -> ArmDescription:
@@ -418,95 +400,3 @@ class Arm:
             UnreachableError: no solution
         """
         return self.runtime.tip.inverse_kinematics(T, seed, frame)
-
-
-#: Names that `Arm` had before and answers for one release: the path of what answers now, and what
-#: to write instead where that is another.
-MOVED: dict[str, str] = {
-    **{
-        name: f"joints.{name}"
-        for name in (
-            "lower",
-            "upper",
-            "poses",
-            "effort_limit",
-            "positions",
-            "readings",
-            "setpoints",
-            "frame_coordinates",
-            "health",
-            "potentiometers",
-            "mode",
-            "set_mode",
-            "gains",
-            "set_gains",
-            "gravity_compensation",
-            "use_gravity_compensation",
-            "computed_torque",
-            "use_computed_torque",
-            "strict_limits",
-            "use_strict_limits",
-            "trajectory_ratio",
-            "move_again",
-            "set_trajectory_ratio",
-        )
-    },
-    "joint_names": "joints.names",
-    "type": "description.type",
-    "tool": "description.tool",
-    "busy": "runtime.states.busy operating_state().is_busy",
-    "warnings": "rejections.count",
-    "last_warning": "rejections.last",
-    **{
-        name: f"forces.{name}"
-        for name in (
-            "servo_ci",
-            "use_controller",
-            "set_cf_orientation_absolute",
-            "orientation_locked",
-            "lock_orientation",
-            "unlock_orientation",
-        )
-    },
-    "servo_cf": "forces.servo_cf body.servo_cf or Arm.spatial.servo_cf",
-    "measured_cf": "runtime.tip.wrench body.measured_cf or Arm.spatial.measured_cf",
-    "jacobian": "runtime.tip.jacobian body.jacobian or Arm.spatial.jacobian",
-    "release_brakes": "brakes.release",
-    "lock_brakes": "brakes.lock",
-    **{
-        name: f'runtime.states.{name} state_command("{name}")'
-        for name in ("unhome", "pause", "resume")
-    },
-    "base_frame": "local.base_frame",
-    "set_base_frame": "local.set_base_frame",
-    "local_measured_cp": "local.measured_cp",
-    "local_setpoint_cp": "local.setpoint_cp",
-    "local_measured_cv": "local.measured_cv",
-    "local_inverse_kinematics": "local.inverse_kinematics",
-    "tip_in_world": 'runtime.tip.in_world measured_cp(frame="world")',
-    "set_tool_type": "runtime.set_tool_type",
-    "motors": "runtime.motors",
-    "control": "runtime.control",
-    "journal": "runtime.journal",
-    "placed": "runtime.tip.placed",
-    "pose_view": "runtime.tip.view",
-    "fault": "runtime.states.fault",
-    "report_state": "runtime.states.report",
-    "come_off": "runtime.states.stop",
-    **{
-        name: f"runtime.{name}"
-        for name in (
-            "active",
-            "begin",
-            "follow",
-            "load",
-            "reattach",
-            "refit",
-            "sample",
-            "save",
-            "snapshot",
-            "start_at",
-            "status",
-        )
-    },
-}

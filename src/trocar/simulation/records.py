@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,14 +37,6 @@ class Pose(NamedTuple):
     matrix: Array
     frame_id: str
     time: float
-
-    if not TYPE_CHECKING:  # a former name, for one more release
-
-        @property
-        def T(self) -> Array:
-            """The matrix."""
-            warnings.warn("Pose.T is Pose.matrix now", DeprecationWarning, stacklevel=2)
-            return self.matrix
 
 
 class Twist(NamedTuple):

@@ -93,7 +93,7 @@ class Supervision(Part):
             kept[rows] = holding[rows]
             holding[:] = kept
         servos = self._servos
-        if servos.plain:
+        if servos.plain:  # write_efforts without its call, for steps come here
             np.add(servos.commanded, servos.balanced * holding, out=servos.feed)
         else:
             servos.write_efforts()

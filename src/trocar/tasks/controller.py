@@ -13,7 +13,7 @@ from trocar.descriptions.records import ArmDescription
 from trocar.errors import InputError, SingularError, UnreachableError
 from trocar.geometry.rotations import rotation_rows
 from trocar.geometry.se3 import inverse, translation
-from trocar.kinematics.inverse import ChainEnds, chain_ends
+from trocar.kinematics.inverse import ChainEnds, chain_ends, nearest_solution
 from trocar.simulation import World
 from trocar.simulation.arm import Arm
 from trocar.simulation.rig_readings import RigReadings
@@ -136,7 +136,7 @@ class TipController:
         self._targets: dict[str, Array] = {}
         self.stalled: dict[str, float] = {}
         self._stalls: dict[str, str] = {}
-        #: Poses in the world that no joints reach now, and the joints before them.
+        #: Poses in an arm's own frame that no joints reached, and the joints before them.
         self._unreached: dict[str, tuple[Array, list[float]]] = {}
         self.bases: dict[str, Array] = {}
         self.registration: dict[str, Array] = {}
@@ -272,20 +272,28 @@ class TipController:
         """Return whether an arm stays now though an action moves it."""
         return bool(self._stalls.get(arm))
 
-    @property
     def stalls(self) -> dict[str, str]:
-        """Reason for which each arm stays now, {arm: reason}; "" where it does not.
+        """Find the reason for which each arm stayed in the last action; "" where it did not.
 
-        The reason of a pose out of reach is found here: it takes longer than a solution.
+        Poses out of reach are explained here, with the tool of that action: it takes longer than a
+        solution.
+
+        Returns:
+            {arm: reason}
         """
-        for name, (T, near) in self._unreached.items():
-            local = self._arm_from_world(self._driven[name]).dot(T)
+        for name, (local, near) in self._unreached.items():
+            run, described = self._driven[name].arm.runtime, self._driven[name].description
+            start = np.array(near)
             try:
-                self._driven[name].arm.runtime.tip.local_inverse_kinematics(local, np.array(near))
+                if run.description is described:
+                    run.tip.local_inverse_kinematics(local, start)  # remembers what it refused
+                else:
+                    structure = described.inverse_kinematics
+                    nearest_solution(described.mechanism, structure, local, start)
             except (UnreachableError, SingularError) as problem:
                 self._stalls[name] = str(problem)
         self._unreached.clear()
-        return self._stalls
+        return dict(self._stalls)
 
     def idle(self) -> dict[str, Array]:
         """Return each arm's part of the action that holds it, {arm: (7,) or (4,)}."""
@@ -347,7 +355,7 @@ class TipController:
             except (UnreachableError, SingularError) as problem:
                 return str(problem)
             if not after:
-                self._unreached[name] = goal, now
+                self._unreached[name] = self._arm_from_world(driven).dot(goal), now
                 return OUT_OF_REACH
             worst, fastest = 0.0, 0
             for k, most in enumerate(driven.travels):

@@ -172,7 +172,7 @@ class Referee:
             self.drops += len(lost)
             self.ending, self.reason = Ending.FAILURE, f"{', '.join(lost)}: out of play"
         elif late:
-            stalls = self._controller.stalls.items()
+            stalls = self._controller.stalls().items()
             stalled = [f"{name} stands still, {why}" for name, why in stalls if why]
             self.ending = Ending.TRUNCATION
             self.reason = "; ".join(["time", *self.remarks, *stalled])

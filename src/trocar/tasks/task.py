@@ -229,7 +229,7 @@ class Task:
             "drops": referee.drops,
             "done": self.done,
             "reason": referee.reason,
-            "stalled": {name: why for name, why in self.controller.stalls.items() if why},
+            "stalled": {name: why for name, why in self.controller.stalls().items() if why},
         }
 
     def result(self, seed: int) -> Episode:

@@ -15,6 +15,7 @@ from trocar.rendering.frames import anaglyph, picture, side_by_side
 from trocar.viewer.help import hint
 from trocar.viewer.legends import depth_legend, ids_legend
 from trocar.viewer.server import when_pressed, when_touched
+from trocar.viewer.viser_hooks import show_packed
 
 RATE_HZ = 30.0
 """Largest rate of pictures on the page. Source: our own choice, as often as the scene."""
@@ -115,8 +116,7 @@ class CameraWindow:
         self._seen = now_s
         fresh, self._fresh = self._fresh, None
         if fresh is not None:
-            # The handle would pack a picture anew, in this thread.
-            self.image._data = fresh  # pyright: ignore[reportPrivateUsage]
+            show_packed(self.image, fresh)
 
     def show_status(self) -> None:
         """Show the rate of pictures, or the reason why none come; leave the arms their time."""

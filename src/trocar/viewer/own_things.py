@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import viser
 from numpy.typing import NDArray
-from viser._messages import FileTransferStartUpload
 
 from trocar.errors import TrocarError
 from trocar.geometry.rotations import matrix_from_quaternion, quaternion_from_matrix
@@ -31,6 +30,7 @@ from trocar.viewer.uploads import (
     placed_rig,
     understand,
 )
+from trocar.viewer.viser_hooks import check_uploads
 
 if TYPE_CHECKING:
     from trocar.viewer.desk import Desk
@@ -79,7 +79,7 @@ class OwnThings:
             self._acts = Buttons(gui, "Thing", (SAVE, LOAD, REMOVE), self._press, hint("Thing"))
             self._text = gui.add_html("")
         self._acts.set_visible(visible=False)
-        _bound_uploads(gui, self._say_error)
+        check_uploads(gui, self._check)
 
         @self._upload.on_upload
         async def _(event: viser.GuiEvent[Any]) -> None:
@@ -111,6 +111,14 @@ class OwnThings:
         return transform(turn, np.array(self._handle.position))
 
     # ------------------------------------------------------------------ inside
+
+    def _check(self, name: str, size: int) -> None:
+        """Refuse a file that is too large before it is sent."""
+        try:
+            check_size(name, size)
+        except TrocarError as error:
+            self._say_error(str(error))
+            raise
 
     async def _receive(self, name: str, content: bytes) -> None:
         """Import a file in another thread; show it, or its error in a notice."""
@@ -213,24 +221,3 @@ class OwnThings:
 
 CHUNK = 512 * 1024
 """Bytes of a message to the browser. Source: as the browser sends."""
-
-
-def _bound_uploads(gui: viser.GuiApi, reject: Any) -> None:
-    """Refuse files that are too large as soon as the browser announces them.
-
-    viser keeps the parts of an upload that it has accepted, whatever their size; of one that it
-    has not, it drops them.
-    """
-    sockets: Any = gui._websock_interface  # pyright: ignore[reportPrivateUsage]  viser has no bound
-    begin: Any = gui._handle_file_transfer_start  # pyright: ignore[reportPrivateUsage]
-
-    def bounded(client: int, message: FileTransferStartUpload) -> None:
-        try:
-            check_size(message.filename, message.size_bytes)
-        except TrocarError as error:
-            reject(str(error))
-            return
-        begin(client, message)
-
-    sockets.unregister_handler(FileTransferStartUpload)
-    sockets.register_handler(FileTransferStartUpload, bounded)

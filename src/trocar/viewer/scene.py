@@ -15,11 +15,11 @@ import viser
 from numpy.typing import NDArray
 from trimesh.exchange.gltf import export_glb  # pyright: ignore[reportUnknownVariableType]
 from trimesh.visual.material import PBRMaterial
-from viser._messages import SetOrientationMessage, SetPositionMessage
 
 from trocar.errors import InputError
 from trocar.geometry.rotations import matrix_from_quaternion, quaternion_from_matrix
 from trocar.rendering.primitives import drawn_surface
+from trocar.viewer.viser_hooks import move
 
 if TYPE_CHECKING:
     from trocar.simulation import World
@@ -221,14 +221,7 @@ class Bodies:
         positions, quaternions = snapshot.positions, snapshot.quaternions
         poses = np.concatenate([positions[self._index], quaternions[self._index]], axis=1)
         moved = np.any(np.abs(poses - self._sent) > STILL, axis=1)
-        # viser's setters compare again, which takes four times as long as sending (measured).
-        queue = self._scene._queue_scene_message  # pyright: ignore[reportPrivateUsage]
-        for row in np.flatnonzero(moved):
-            node, pose = self._nodes[int(self._index[row])], poses[row]
-            node.position[:], node.wxyz[:] = pose[:3], pose[3:]
-            x, y, z, *turn = pose.tolist()
-            queue(SetPositionMessage(node.name, (x, y, z)))
-            queue(SetOrientationMessage(node.name, (turn[0], turn[1], turn[2], turn[3])))
+        move(self._scene, [self._nodes[body] for body in self._index[moved].tolist()], poses[moved])
         self._sent[moved] = poses[moved]
         return int(np.count_nonzero(moved))
 

@@ -20,19 +20,15 @@ import logging
 import secrets
 import socket
 import sys
-import threading
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Sequence
 from http import HTTPStatus
 from importlib.resources import files
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, TypeVar
 from urllib.parse import urlencode
 
 import viser
-import viser.infra._infra as viser_infra
-import websockets
-from websockets.asyncio.server import ServerConnection, serve
+from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import WebSocketException
 from websockets.http11 import Request, Response
 
@@ -46,6 +42,7 @@ from trocar.live.access import (
     queried,
 )
 from trocar.live.connections import Connections
+from trocar.viewer.viser_hooks import grey_out, served_with
 
 T = TypeVar("T")
 
@@ -236,43 +233,13 @@ class LocalServer(viser.ViserServer):
 
     def __init__(self, host: str, port: int, label: str, page: ClientPage) -> None:
         self.page = page
-        with _served_with(page.options):
+        with served_with(page.options):
             base: Any = super()  # its types are partial
             base.__init__(host=host, port=port, label=label, verbose=False)
 
     def request_share_url(self, verbose: bool = True) -> str | None:  # noqa: ARG002  as inherited
         """Refuse to open a public address."""
         return None
-
-
-_constructing = threading.Lock()
-
-
-@contextlib.contextmanager
-def _served_with(ours: Mapping[str, Any]) -> Generator[None]:
-    """Let viser open its port with our keyword arguments of websockets' `serve`.
-
-    viser listens before its constructor returns, and has no option for them.
-
-    Raises:
-        TrocarError: this version of viser opens its port in another way
-    """
-    opened: list[int] = []
-
-    def serve_ours(*args: Any, **options: Any) -> serve:
-        opened.append(1)
-        return serve(*args, **{**options, **ours})
-
-    theirs = SimpleNamespace(server=SimpleNamespace(serve=serve_ours))
-    with _constructing:
-        for_viser = SimpleNamespace(**{**vars(websockets), "asyncio": theirs})
-        setattr(viser_infra, "websockets", for_viser)  # noqa: B010  viser exports no such name
-        try:
-            yield
-        finally:
-            setattr(viser_infra, "websockets", websockets)  # noqa: B010
-    if not opened:
-        raise TrocarError(f"viser {viser.__version__}: unsupported server; allowed: 1.1")
 
 
 @contextlib.contextmanager
@@ -446,8 +413,7 @@ class Buttons:
             self._handle.options = self.names
         if disabled != self.disabled:
             self.disabled = disabled
-            # viser's client greys a group out; its handle refuses to say so.
-            self._handle._queue_update("disabled", disabled)  # pyright: ignore[reportPrivateUsage]
+            grey_out(self._handle, disabled=disabled)
 
     def set_visible(self, *, visible: bool) -> None:
         """Show or hide the row."""

@@ -60,9 +60,9 @@ TIP_ON_AXIS = 1e-7
 # Source: our choice, likewise for the cosine of the pitch when the shaft lies along the yaw axis.
 SHAFT_ON_YAW_AXIS = 1e-7
 
-# Source: our own choice, more than rounding: an angle whose limits end this far [rad] before a
-# quarter turn has a positive cosine.
-ACUTE = 1e-6
+# Source: our own choice, more than rounding: an angle whose limits end 1e-6 rad before a quarter
+# turn has a positive cosine. [rad]
+ACUTE_MOST = 0.5 * pi - 1e-6
 
 # Source: our own choice: how far [rad] the pose's z axis may point
 # away from the line through the remote centre and the tip.
@@ -206,7 +206,8 @@ def nearest_rcm_arm(
     (low4, high4), (low5, high5), (low6, high6) = limits[3:]
     near1, near2, _, near4, near5, near6 = seed
     (low1, high1), (low2, high2) = limits[:2]
-    upright, narrow = _acute(limits[1]), _acute(limits[5])
+    upright = low2 > -ACUTE_MOST and high2 < ACUTE_MOST  # as `_acute`: two calls less
+    narrow = low6 > -ACUTE_MOST and high6 < ACUTE_MOST
     found: tuple[float, ...] = ()
     for sign in (1.0, -1.0):
         bx, by, bz = sign * cx, sign * cy, sign * cz  # x5
@@ -363,7 +364,7 @@ def _nearest(branches: Array, seed: Sequence[float], limits: Limits) -> Sequence
 def _acute(limits: tuple[float, float]) -> bool:
     """Return whether angles inside limits have positive cosines, so that one branch is enough."""
     low, high = limits
-    return high < 0.5 * pi - ACUTE and low > ACUTE - 0.5 * pi
+    return low > -ACUTE_MOST and high < ACUTE_MOST
 
 
 def _each(function: Callable[..., float], *values: Array) -> Array:

@@ -335,12 +335,16 @@ class JointControl:
         self.motors.follow()
         return True
 
-    def stream(self, q: Array, v: Array) -> bool:
-        """Set positions and velocities of joints now, the jaw's behind them if given, (n,) each.
+    def stream(self, q: list[float], v: list[float]) -> bool:
+        """Set positions and velocities of joints now, the jaw's behind them if given, n each.
 
         As `Arm.servo_jp` and then `Jaw.servo_jp` do, where every joint simply follows its servo and
         the journal has no listeners; else nothing changes, and these two do it or say why not.
         Whether joints follow is looked up again only after commands and events.
+
+        Args:
+            q, v: positions and velocities [rad or m, per s]; the journal keeps them, so they are
+                never written to
 
         Returns:
             whether it is done
@@ -355,7 +359,7 @@ class JointControl:
                 return False
             self._following = revision if len(q) == len(self._limits) else -1
         else:
-            for place, speed, (low, high, most) in zip(q.tolist(), v.tolist(), self._limits):  # noqa: B905  quick
+            for place, speed, (low, high, most) in zip(q, v, self._limits):  # noqa: B905  quick
                 if not (low <= place <= high and -most <= speed <= most):  # NaN is neither
                     return False
             m.position[part], m.velocity[part] = q, v
@@ -364,7 +368,7 @@ class JointControl:
         journal.streamed += 1
         past = journal.past
         if not past.incomplete:
-            row = (journal.period, journal.time, self._name, q.copy(), v.copy(), self._own)
+            row = (journal.period, journal.time, self._name, q, v, self._own)
             past.rows.append(row)
             past.commands += 1 + (len(q) > self._own)
             past.numbers += 2 * len(q)

@@ -438,8 +438,9 @@ class Grasps(Part):
         if data.eq_active[weld := self._jaws[row].welds[hold.object]]:
             first = bisect_left(data.efc_id[: data.ne].tolist(), weld)  # equalities first, in order
             rows += range(first, first + WELD_ROWS)
-        jacobian = data.efc_J.reshape(-1, self._model.nv).take(rows, axis=0)
-        push = data.efc_force.take(rows).dot(jacobian[:, self._dofs[hold.object]])
+        chosen = np.array(rows, np.intp)
+        jacobian = data.efc_J.reshape(-1, self._model.nv).take(chosen, axis=0)
+        push = data.efc_force.take(chosen).dot(jacobian[:, self._dofs[hold.object]])
         facing, origins = self._axes[finger], self._origins
         turn = facing.dot(hold.axes)
         x, y, z = (origins[finger] + facing.dot(hold.centre) - origins[body]).tolist()

@@ -128,7 +128,7 @@ class Past:
         self.incomplete = ""
         self.rows: list[
             tuple[int, float, str, str, Mapping[str, object]]
-            | tuple[int, float, str, NDArray[Any], NDArray[Any], int]
+            | tuple[int, float, str, list[float], list[float], int]
         ] = []
         self.commands = self.numbers = 0
 
@@ -144,7 +144,7 @@ class Past:
             period, time, source, q, v, own = kept
             for name, part in (("servo_jp", slice(own)), ("jaw.servo_jp", slice(own, None))):
                 if len(q[part]):
-                    values = {"q": q[part], "v": v[part]}
+                    values = {"q": np.array(q[part]), "v": np.array(v[part])}
                     found.append(Entry(period, time, "command", source, name, values))
         return found
 

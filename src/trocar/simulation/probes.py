@@ -154,11 +154,15 @@ class Probes:
 
     def contact_forces(self) -> dict[str, Array]:
         """Return the net force of contacts and of held objects on each arm, {arm: (3,)} [N]."""
+        return {name: np.array(force) for name, force in self.net_forces().items()}
+
+    def net_forces(self) -> dict[str, list[float]]:
+        """Return `contact_forces` in plain numbers, {arm: three} [N]."""
         data, on = self._acted(), self._arm_of_geom
         total = [[0.0, 0.0, 0.0] for _ in self._arms]
-        if self._welds and data.ne:  # of the last step, whatever is active now
-            equalities: list[int] = data.efc_id[: data.ne].tolist()
-            for weld, (finger, _) in self._welds:
+        equalities: list[int] = data.efc_id[: data.ne].tolist()
+        if not self._welds.keys().isdisjoint(equalities):  # of the last step, whatever is active
+            for weld, (finger, _) in self._welds.items():
                 if weld in equalities:
                     first = equalities.index(weld)
                     on_arm = total[int(self._arm_of_body[finger])]
@@ -177,19 +181,21 @@ class Probes:
             dims: list[int] = found.dim.tolist()
             frames: list[list[float]] = found.frame.tolist()
             for k, one, other in mine:
-                first, axes, x, y, z = firsts[k], frames[k], 0.0, 0.0, 0.0
-                if first < 0:
+                if (first := firsts[k]) < 0:
                     continue
-                for i in range(min(dims[k], 3)):  # one where a weld holds it, and pads only press
-                    push = pushes[first + i]
-                    x += push * axes[3 * i]
-                    y += push * axes[3 * i + 1]
-                    z += push * axes[3 * i + 2]
-                for arm, sign in ((one, -1.0), (other, 1.0)):
-                    if arm >= 0:
-                        was = total[arm]
-                        total[arm] = [was[0] + sign * x, was[1] + sign * y, was[2] + sign * z]
-        return dict(zip(self._arms, np.array(total), strict=True))
+                nx, ny, nz, sx, sy, sz, tx, ty, tz = frames[k]
+                push = pushes[first]
+                x, y, z = push * nx, push * ny, push * nz
+                if dims[k] > 1:  # one where a weld holds it, and pads only press
+                    s, t = pushes[first + 1 : first + 3]
+                    x, y, z = x + s * sx + t * tx, y + s * sy + t * ty, z + s * sz + t * tz
+                if one >= 0:
+                    a, b, c = total[one]
+                    total[one] = [a - x, b - y, c - z]
+                if other >= 0:
+                    a, b, c = total[other]
+                    total[other] = [a + x, b + y, c + z]
+        return dict(zip(self._arms, total, strict=True))
 
     @cached_property
     def _arm_of_body(self) -> Index:
@@ -340,7 +346,7 @@ class Probes:
         for contact, body, other in self._touching(data, mine):
             if mine[body] != mine[other]:
                 yield contact.point, contact.force, contact.torque
-        for weld, pair in self._welds:
+        for weld, pair in self._welds.items():
             if data.eq_active[weld] and mine[pair[0]] != mine[pair[1]]:
                 force, torque = self._held(data, weld, pair[1])
                 sign = 1.0 if mine[pair[1]] else -1.0
@@ -353,14 +359,14 @@ class Probes:
                 yield data.xpos[body] + data.xmat[body].reshape(3, 3) @ point, force, np.zeros(3)
 
     @cached_property
-    def _welds(self) -> list[tuple[int, tuple[int, int]]]:
+    def _welds(self) -> dict[int, tuple[int, int]]:
         """The equalities by which jaws may hold objects, with finger and object."""
         model = self._model
-        return [
-            (k, (int(model.eq_obj1id[k]), int(model.eq_obj2id[k])))
+        return {
+            k: (int(model.eq_obj1id[k]), int(model.eq_obj2id[k]))
             for k in range(model.neq)
             if model.eq_type[k] == mujoco.mjtEq.mjEQ_WELD and not model.eq_active0[k]
-        ]
+        }
 
     def _held(self, data: mujoco.MjData, weld: int, body: int) -> tuple[Array, Array]:
         """Return force and torque about its origin that a weld exerts on a free body, in the world.

@@ -19,8 +19,8 @@ from trocar.simulation.arm import Arm
 from trocar.simulation.rig_readings import RigReadings
 
 Array = NDArray[np.float64]
-#: Set-points and their velocities of arms, {arm: (q, v)}.
-Row = dict[str, tuple[Array, Array]]
+#: Set-points and their velocities of arms in plain numbers, never written to, {arm: (q, v)}.
+Row = dict[str, tuple[list[float], list[float]]]
 
 #: Duration of an action. Source: our own choice, 50 Hz. [s]
 PERIOD_S = 0.02
@@ -129,10 +129,11 @@ class TipController:
             )
         self.limits: tuple[Array, Array] = np.array(low), np.array(high)
         self._bounds = list(zip(low, high, strict=True))
-        self._rows = round(PERIOD_S / (EVERY * world.timestep))
-        #: Ratio of the way that the set-points of each row have gone, (rows, 1).
-        self._ratios = np.arange(1, self._rows + 1)[:, None] / self._rows
-        self._joints: dict[str, Array] = {}
+        rows = round(PERIOD_S / (EVERY * world.timestep))
+        #: Ratio of the way that the set-points of each row have gone.
+        self._ratios = [row / rows for row in range(1, rows + 1)]
+        #: Set-points of each arm; a list is never written to.
+        self._joints: dict[str, list[float]] = {}
         self._targets: dict[str, Array] = {}
         self.stalled: dict[str, float] = {}
         self._stalls: dict[str, str] = {}
@@ -152,7 +153,7 @@ class TipController:
     def resume(self) -> None:
         """Hold the arms where they are, as after other commands."""
         for name, driven in self._driven.items():
-            self._joints[name] = driven.arm.joints.setpoints()
+            self._joints[name] = driven.arm.joints.setpoints().tolist()
             if driven.psm:
                 self._targets[name] = driven.arm.measured_cp("world").matrix
 
@@ -183,22 +184,27 @@ class TipController:
         for number, (low, high) in zip(numbers, bounds):  # noqa: B905  as many, and often
             values.append(low if number < low else high if number > high else number)
         self.readings.renew()
-        count = self._rows
         rows: list[Row] = []
-        while len(rows) < count:
+        while len(rows) < len(self._ratios):
             rows.append({})
         for name, driven in self._driven.items():
             before = self._joints[name]
             after = self._joints[name] = self._next(name, driven, values[driven.part])
-            change, own = after - before, driven.own
-            v = change / PERIOD_S
-            table = self._ratios * change
-            table += before
-            rows[0][name] = table[0], v
-            if np.count_nonzero(change):  # any() takes 1 us
-                whole = np.count_nonzero(change[own:])
-                for k in range(1, count):
-                    rows[k][name] = (table[k], v) if whole else (table[k, :own], v[:own])
+            change: list[float] = []
+            v: list[float] = []
+            for one, other in zip(before, after):  # noqa: B905  loops: comprehensions are calls
+                change.append(other - one)
+                v.append((other - one) / PERIOD_S)
+            size = len(v)
+            for row, ratio in zip(rows, self._ratios):  # noqa: B905  quick
+                q: list[float] = []
+                for one, way in zip(before, change):  # noqa: B905  quick
+                    q.append(one + ratio * way)
+                row[name] = (q, v) if size == len(v) else (q[:size], v[:size])
+                if after == before:
+                    break
+                if after[driven.own :] == before[driven.own :]:
+                    size = driven.own
         return rows
 
     def drive(self, row: Row) -> None:
@@ -252,7 +258,7 @@ class TipController:
         Returns:
             [rad or m]; infinite out of reach
         """
-        near, driven = self._joints[arm][:-1].tolist(), self._driven[arm]
+        near, driven = self._joints[arm][:-1], self._driven[arm]
         try:
             after = self._inverse(driven, T, near)
         except (UnreachableError, SingularError):
@@ -306,13 +312,13 @@ class TipController:
 
     # ------------------------------------------------------------------ inside
 
-    def _next(self, name: str, driven: _Driven, values: list[float]) -> Array:
+    def _next(self, name: str, driven: _Driven, values: list[float]) -> list[float]:
         """Return an arm's set-points after an action, those before where it cannot go on."""
         run, before = driven.arm.runtime, self._joints[name]
         if not driven.psm:
-            after = before + np.array(values) * PERIOD_S
-            return np.clip(after, run.control.lower, run.control.upper)
-        q, measured, reason = before.tolist(), self.readings.joints[name].tolist(), ""
+            after = np.array(before) + np.array(values) * PERIOD_S
+            return np.clip(after, run.control.lower, run.control.upper).tolist()
+        q, measured, reason = before.copy(), self.readings.joints[name].tolist(), ""
         jaw = q[-1]
         self._unreached.pop(name, None)
         if any(values[:6]):
@@ -324,7 +330,7 @@ class TipController:
             opening = max(opening, measured[-1] - GRIP_RAD)
         fastest = JAW_RAD_S * PERIOD_S
         q[-1] = jaw + min(max(opening - jaw, -fastest), fastest)
-        return np.array(q)
+        return q
 
     def _onward(
         self, name: str, driven: _Driven, q: list[float], measured: list[float], twist: list[float]
@@ -344,9 +350,9 @@ class TipController:
         for _ in range(2):
             goal = target.copy() if T is None else T @ target
             x, y, z, a, b, c = twist
-            goal[0, 3] += x * PERIOD_S
-            goal[1, 3] += y * PERIOD_S
-            goal[2, 3] += z * PERIOD_S
+            goal[0, 3] = goal.item(0, 3) + x * PERIOD_S  # += takes twice as long
+            goal[1, 3] = goal.item(1, 3) + y * PERIOD_S
+            goal[2, 3] = goal.item(2, 3) + z * PERIOD_S
             if a or b or c:
                 turn = np.array(rotation_rows(a * PERIOD_S, b * PERIOD_S, c * PERIOD_S))
                 goal[:3, :3] = turn.dot(goal[:3, :3])

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from trocar.descriptions.scenes import Goal, Scene
 from trocar.simulation.grasps import Grasps
+from trocar.simulation.probes import Sensors
 from trocar.tasks.controller import TipController
 from trocar.tasks.scoring import fls_score
 
@@ -69,6 +70,7 @@ class Referee:
         self._scene, self._controller, self._world = scene, controller, controller.world
         self._arms = {name: self._world.arms[name] for name in controller.arms}
         self._readings, self._grasps = controller.readings, self._world.part(Grasps)
+        self._sensors = self._world.part(Sensors)
         self._rows = {name: row for row, name in enumerate(self._world.objects)}
         self.goals: tuple[tuple[Goal, Array], ...] = ()
         self._floor = -np.inf
@@ -116,10 +118,12 @@ class Referee:
             if name:
                 self.held[arm] = name
         if readings.touching():
-            for arm, force in self._world.contact_forces().items():
-                if arm in self.force and np.count_nonzero(force):
-                    self.force[arm] = max(self.force[arm], math.hypot(*force.tolist()))
-        if before or self._fell_from:
+            world = self._world  # plain numbers where no tissue acts
+            forces = world.contact_forces() if world.tissues else self._sensors.probes.net_forces()
+            for arm, force in forces.items():
+                if arm in self.force:
+                    self.force[arm] = max(self.force[arm], math.hypot(*force))
+        if self._fell_from or before != self.held:
             self._count_drops(set(before.values()), set(self.held.values()))
         tips = readings.tips if self._world.errors is None else self._true_tips()
         for name, T in tips.items():

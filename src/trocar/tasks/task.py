@@ -201,7 +201,7 @@ class Task:
                 if self.controller.registration:
                     tip = self.controller.registered(name, tip)
                 x, y, z = tip[:3, 3].tolist()
-                found[name] = np.array([x, y, z, *quaternion_numbers(tip[:3, :3]), q[-1]])
+                found[name] = np.array([x, y, z, *quaternion_numbers(tip[:3, :3]), q.item(-1)])
             else:
                 found[name] = q.copy()
         states = states if self.randomised is None else self.observed

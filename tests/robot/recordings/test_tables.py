@@ -600,3 +600,58 @@ def test_a_date_that_is_none_is_named(tmp_path: Path) -> None:
     path.write_text("time,q1,q2,q3,q4,q5,q6,q7\n" + "12:99:00.0,0,0,0.1,0,0,0,0\n" * 3)
     with pytest.raises(LogError, match=r"row 2: time: got '12:99:00\.0'; allowed: a number"):
         read_arm_motion(path, PSM, ReadSettings(columns=("time=0", "position=1:8")))
+
+
+@pytest.mark.parametrize("kind", ["joints", "tips"])
+def test_playfiles_of_two_arms_are_known(tmp_path: Path, kind: str) -> None:
+    """Joints, or position, x axis, z axis and jaw, of two PSMs; the time of arrival last."""
+    _, q, _ = motion()
+    time = 2.0 + 1.5 * np.linspace(0.0, 59.0, 60)
+    if kind == "joints":
+        table = np.column_stack([0.5 * q, q, time])
+    else:
+        arms: list[Array] = []
+        for joints in (0.5 * q, q):
+            T = tips(joints)
+            arms.append(np.column_stack([T[:, :3, 3], T[:, :3, 0], T[:, :3, 2], joints[:, 6]]))
+        table = np.column_stack([*arms, time])
+    path = csv(tmp_path / "handoff.txt", [], table)
+    with pytest.raises(LogError, match="holds 2 arms; select one with --of: PSM1, PSM2"):
+        read_arm_motion(path, PSM)
+    for of, expected in (("PSM1", 0.5 * q), ("PSM2", q)):
+        found = read_arm_motion(path, PSM, ReadSettings(of=of))
+        np.testing.assert_allclose(found.rows[:, 0], expected, atol=1e-6)
+        steps = np.diff(found.times)
+        assert np.ptp(steps) < 1e-9 < 1.4 < steps[0] < 1.6
+
+
+def test_rows_like_a_playfile_are_joints_where_the_last_column_falls(tmp_path: Path) -> None:
+    time, q, v = motion(200.0)
+    table = np.column_stack([q, v, np.zeros((len(q), 7))])
+    found = read_arm_motion(csv(tmp_path / "log.txt", [], table), PSM, ReadSettings(wrist="joint"))
+    np.testing.assert_allclose(found.rows[:, 0], q, atol=1e-9)
+    path = csv(tmp_path / "timed.txt", [], np.column_stack([time, q, v]))
+    found = read_arm_motion(path, PSM, ReadSettings(wrist="joint"))
+    np.testing.assert_allclose(found.rows[:, 1], v, atol=1e-9)
+
+
+def test_the_time_may_be_the_last_column(tmp_path: Path) -> None:
+    time, q, v = motion(50.0, count=150)
+    table = np.column_stack([q, v, np.zeros_like(q), time])
+    found = read_arm_motion(csv(tmp_path / "log.txt", [], table), PSM, ReadSettings(wrist="joint"))
+    np.testing.assert_allclose(found.rows[:, 0], q, atol=1e-9)
+    assert found.rate_hz == pytest.approx(50.0)
+
+
+def test_two_columns_like_times_are_a_question(tmp_path: Path) -> None:
+    time, q, v = motion(50.0)
+    path = csv(tmp_path / "log.txt", [], np.column_stack([time, q, v[:, :6], 2.0 * time]))
+    with pytest.raises(InputError, match="the first and the last of 15 columns rise as times do"):
+        read_arm_motion(path, PSM)
+
+
+def test_velocities_of_zero_confirm_no_rate(tmp_path: Path) -> None:
+    _, q, _ = motion()
+    path = csv(tmp_path / "log.txt", [], np.column_stack([q, np.zeros_like(q)]))
+    with pytest.raises(InputError, match="has no times; give the rate of its rows, --rate HZ"):
+        read_arm_motion(path, PSM)

@@ -56,6 +56,8 @@ PARTS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 OLD_NAMES = re.compile(r"(state|position)_(joint|jaw)_current")
 #: Angles of a tip about fixed axes: R = R_z(yaw) R_y(pitch) R_x(roll). Source: URDF; PyKDL, GetRPY.
 ANGLES = ("roll", "pitch", "yaw")
+#: The x and the z axis of a tip.
+AXES = ("xx", "xy", "xz", "zx", "zy", "zz")
 PLACE_WORDS = frozenset(["position", "translation", "trans", "xyz", "p"])
 TURN_WORDS = frozenset(("r", "rot", "rotation", "rotm", "orientation", "matrix"))
 #: "position=1:8[deg]" or "PSM1.jaw=gripper". Places count from 0, the last one left out.
@@ -80,7 +82,7 @@ class ArmPlaces:
         label: name of the arm in the table, "" where it has none
         position, velocity, effort: {joint: its column}
         tip: {part of the tip's pose: its column}; parts are x y z, and qx qy qz qw, r0 ... r8, the
-            rotation matrix row by row, or `ANGLES`
+            rotation matrix row by row, `AXES` or `ANGLES`
     """
 
     label: str
@@ -92,7 +94,7 @@ class ArmPlaces:
     @property
     def has_tip(self) -> bool:
         """Whether the pose of the tip is complete."""
-        turned = ("qx", "qy", "qz", "qw"), tuple(f"r{k}" for k in range(9)), ANGLES
+        turned = ("qx", "qy", "qz", "qw"), tuple(f"r{k}" for k in range(9)), AXES, ANGLES
         return all(part in self.tip for part in "xyz") and any(
             all(part in self.tip for part in parts) for parts in turned
         )

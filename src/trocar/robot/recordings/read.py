@@ -20,6 +20,7 @@ from trocar.robot.recordings.arm_motion import QUANTITIES, ArmMotion, checked_mo
 from trocar.robot.recordings.columns import (
     ANGLES,
     ARM_WORDS,
+    AXES,
     FEWEST_JOINTS,
     PARTS,
     UNITS,
@@ -31,6 +32,12 @@ from trocar.robot.recordings.columns import (
     is_time,
     lacking,
     time_scale,
+)
+from trocar.robot.recordings.layouts import (
+    JIGSAWS,
+    JIGSAWS_HZ,
+    TableLayout,
+    public_layout,
 )
 from trocar.robot.recordings.motor_side import Wrist, joints_from_motors, recorded_joints
 from trocar.robot.recordings.parquet import is_parquet, read_parquet
@@ -49,11 +56,6 @@ Kind = Literal["recording", "bag", "table", "rows"]
 #: Rate of rows without times that have velocities, which confirm it [Hz]. Source: the recorder of
 #: dvrk_dynamics_identification.
 ROWS_HZ = 200.0
-#: The public layout of JIGSAWS: 19 columns each of the left and right master, the left and right
-#: slave: position of the tip [m], its rotation matrix row by row, linear and angular velocity, and
-#: angle of the gripper [rad]. Source: Gao et al., JIGSAWS, M2CAI 2014, and its readme; 30 Hz.
-JIGSAWS, JIGSAWS_HZ = 76, 30.0
-JIGSAWS_ARMS = ("master_left", "master_right", "slave_left", "slave_right")
 #: Range of rates by which a unit of time is told [Hz]. Source: our own choice; s, ms, us and ns are
 #: a thousand apart.
 RATES_HZ = 2.0, 10_000.0
@@ -69,9 +71,14 @@ UNIT_ERROR = 1e-3
 #: Columns beyond which a table without a header is perhaps transposed. Source: our own choice; a
 #: pair of arms has 76.
 MOST_WIDTH = 300
+
+
 #: Least correlation of a joint's velocities with differences of its positions. Source: our own
 #: choice.
 ALIKE = 0.5
+#: Differences of steps from the usual one in a column of times: with the jitter of a recorder, and
+#: without. Source: our own choice.
+ROUGHLY, EVENLY = 0.5, 1e-3
 
 
 @dataclass(frozen=True)
@@ -152,11 +159,11 @@ def read_arm_motion(
         motion = read_bag_motion(open_bag(path), arm, how.topic, how.jaw, how.of)
         return checked_motion(motion, arm, rate_given=True)
     table = _table(path, how)
-    if not table.names and not how.columns and table.values.shape[1] != JIGSAWS:
+    layout = _layout(table, arm, how)
+    if layout is None:
         return _bare_motion(table, arm, how)
-    places, chosen = _places(table, arm, how)
-    one = _one_arm(table, arm, how, chosen)
-    motion = _motion_of(table, arm, how, one, _times(table, places, how))
+    one = _one_arm(table, arm, how, layout.arms)
+    motion = _motion_of(table, arm, how, one, _times(table, layout, how))
     joints = recorded_joints(arm)
     own = joints[: len(joints) - arm.has_jaw]
     absent = [joint for joint in own if joint not in motion.recorded[0]]
@@ -184,13 +191,13 @@ def read_tip_positions(
     if not is_parquet(path) and is_bag(path):
         return None
     table = _table(path, how)
-    if not table.names and not how.columns and table.values.shape[1] != JIGSAWS:
+    layout = _layout(table, arm, how)
+    if layout is None:
         return None
-    places, chosen = _places(table, arm, how)
-    one = _one_arm(table, arm, how, chosen)
+    one = _one_arm(table, arm, how, layout.arms)
     if not all(part in one.tip for part in "xyz"):
         return None
-    times, _ = _times(table, places, how)
+    times, _ = _times(table, layout, how)
     p = np.stack([_values(table, one.tip[part], how, "m") for part in "xyz"], axis=1)
     known = np.isfinite(p).all(axis=1) & np.isfinite(times)
     return one.label, times[known], p[known]
@@ -208,9 +215,8 @@ def arms_in(path: str | Path, arm: ArmDescription, how: ReadSettings | None = No
     if not is_parquet(path) and is_bag(path):
         labels = [arm_of(topic) for topic in state_topics(open_bag(path))]
     else:
-        table = _table(path, how)
-        bare = not table.names and not how.columns and table.values.shape[1] != JIGSAWS
-        labels = [""] if bare else [one.label for one in _places(table, arm, how)[1]]
+        layout = _layout(_table(path, how), arm, how)
+        labels = [""] if layout is None else [one.label for one in layout.arms]
     return [
         label
         for label in dict.fromkeys(labels)
@@ -226,24 +232,16 @@ def _table(path: str | Path, how: ReadSettings) -> NumberTable:
     return table
 
 
-def _places(
-    table: NumberTable, arm: ArmDescription, how: ReadSettings
-) -> tuple[ScaledColumn | None, list[ArmPlaces]]:
-    """Return the column of times that is given, and the columns of each arm."""
+def _layout(table: NumberTable, arm: ArmDescription, how: ReadSettings) -> TableLayout | None:
+    """Return the columns as they are given, by the header, or of a public layout."""
     joints, width = recorded_joints(arm), table.values.shape[1]
+    rate = JIGSAWS_HZ if width == JIGSAWS else None
     if how.columns:
-        return chosen_places(how.columns, table.names, width, joints)
+        time, arms = chosen_places(how.columns, table.names, width, joints)
+        return TableLayout(tuple(arms), time, rate)
     if table.names:
-        return None, find_arms(table.names, joints, arm.has_jaw)
-    return None, [_jigsaws(k, label, joints, arm) for k, label in enumerate(JIGSAWS_ARMS)]
-
-
-def _jigsaws(k: int, label: str, joints: Sequence[str], arm: ArmDescription) -> ArmPlaces:
-    first = 19 * k
-    tip = {part: ScaledColumn(first + i) for i, part in enumerate("xyz")}
-    tip |= {f"r{i}": ScaledColumn(first + 3 + i) for i in range(9)}
-    jaw = {joints[-1]: ScaledColumn(first + 18)} if arm.has_jaw else {}
-    return ArmPlaces(label, jaw, {}, {}, tip)
+        return TableLayout(tuple(find_arms(table.names, joints, arm.has_jaw)), rate_hz=rate)
+    return public_layout(table.values, joints, arm.has_jaw)
 
 
 def _one_arm(
@@ -368,7 +366,11 @@ def _tips(table: NumberTable, how: ReadSettings, places: ArmPlaces) -> Array:
             " unit: --units rad/mm)",
         )
     parts = ("qw", "qx", "qy", "qz") if "qw" in places.tip else tuple(f"r{k}" for k in range(9))
-    if parts[-1] in places.tip:
+    if AXES[-1] in places.tip:
+        axes = np.stack([_values(table, places.tip[part], how, "") for part in AXES], axis=1)
+        x, z = axes[:, :3], axes[:, 3:]
+        turn = np.stack([x, np.cross(z, x), z], axis=2).reshape(-1, 9)
+    elif parts[-1] in places.tip:
         turn = np.stack([_values(table, places.tip[part], how, "") for part in parts], axis=1)
     else:
         rpy = np.stack([_values(table, places.tip[part], how, "rad") for part in ANGLES], axis=1)
@@ -411,8 +413,9 @@ def _units(text: str | None) -> Mapping[str, float]:
     return found
 
 
-def _times(table: NumberTable, place: ScaledColumn | None, how: ReadSettings) -> tuple[Array, bool]:
+def _times(table: NumberTable, layout: TableLayout, how: ReadSettings) -> tuple[Array, bool]:
     """Return the times of the rows [s], and whether the file has them."""
+    place = layout.time
     names = [name.strip() for name in table.names]
     lower = [name.lower() for name in names]
     split = next(
@@ -439,7 +442,7 @@ def _times(table: NumberTable, place: ScaledColumn | None, how: ReadSettings) ->
     if place is None and table.dates:
         place = ScaledColumn(min(table.dates), 1.0)
     if place is None:
-        rate = how.rate_hz or (JIGSAWS_HZ if table.values.shape[1] == JIGSAWS else 0.0)
+        rate = how.rate_hz or layout.rate_hz
         if not rate:
             raise InputError(f"{table.file}: has no times; give the rate of its rows, --rate HZ")
         return np.arange(len(table.values)) / rate, False
@@ -461,8 +464,8 @@ def _times(table: NumberTable, place: ScaledColumn | None, how: ReadSettings) ->
 def _bare_motion(table: NumberTable, arm: ArmDescription, how: ReadSettings) -> ArmMotion:
     """Read rows without a header: positions, velocities, efforts of all joints, in this order.
 
-    A first column that rises evenly is the time. Velocities and efforts may be missing; all three
-    may be those of the first three joints alone.
+    A first or a further last column that rises evenly is the time. Velocities and efforts may be
+    missing; all three may be those of the first three joints alone.
     """
     joints = recorded_joints(arm)
     if table.holes:
@@ -473,24 +476,31 @@ def _bare_motion(table: NumberTable, arm: ArmDescription, how: ReadSettings) -> 
     counts.setdefault(3 * FEWEST_JOINTS, (3, FEWEST_JOINTS))
     width = table.values.shape[1]
     asked = width not in counts or (how.rate_hz is None and width <= len(joints))
-    timed = width - 1 in counts and asked and _rises(table.values[:, 0])
+    time: int | None = None
+    if width - 1 in counts and asked:
+        time = _time_column(table, (0,) if width in counts else (0, width - 1), own)
+    timed = time is not None
     if not timed and width not in counts:
+        example = f", e.g. --columns position=0:{min(own, width)}"
+        if width == len("xyz"):
+            example += f", of the tip alone, for `trocar score`, --columns tip=0:{width}"
         raise LogError(
             table.file,
-            f"got {width} columns; allowed: {3 * len(joints)} ({', '.join(QUANTITIES)} of"
-            f" {', '.join(joints)}), {2 * len(joints)} or {len(joints)}, {3 * FEWEST_JOINTS} (of"
-            f" the first {FEWEST_JOINTS}), a column of times before them, or --columns, e.g."
-            f" --columns position=0:{min(own, width)}"
+            f"got {width} column{'s' * (width != 1)}; allowed: {3 * len(joints)}"
+            f" ({', '.join(QUANTITIES)} of {', '.join(joints)}), {2 * len(joints)} or"
+            f" {len(joints)}, {3 * FEWEST_JOINTS} (of the first {FEWEST_JOINTS}), a column of times"
+            f" before or after them, or --columns{example if width >= FEWEST_JOINTS else ''}"
             + (" (a sample a row: is this table transposed?)" if width > MOST_WIDTH else ""),
             int(table.rows[0]),
         )
     parts, count = counts[width - timed]
-    values = table.values[:, timed:].reshape(-1, parts, count)
+    own_columns = np.delete(table.values, time, axis=1) if timed else table.values
+    values = own_columns.reshape(-1, parts, count)
     if parts == 1 and count == len(PARTS) and _are_quaternions(values[:, 0, 3:]):
-        first = f"{int(timed)}:{int(timed) + len(PARTS)}"
+        first = f"{int(time == 0)}:{int(time == 0) + len(PARTS)}"
         raise InputError(
             f"{table.file}: the last four columns are quaternions of poses, no joints; name them,"
-            f" --columns {'time=0,' if timed else ''}tip={first} ({', '.join(PARTS)})"
+            f" --columns {f'time={time},' if timed else ''}tip={first} ({', '.join(PARTS)})"
         )
     if parts == 2 and not _alike(values[:, 0], values[:, 1]):
         raise InputError(
@@ -504,15 +514,15 @@ def _bare_motion(table: NumberTable, arm: ArmDescription, how: ReadSettings) -> 
     units = _units(how.units)
     slides = np.array([joint.kind == "prismatic" for joint in arm.joints[: len(joints)]])
     rows[:, :2] *= np.where(slides, units.get("m", 1.0), units.get("rad", 1.0))
-    if timed:
-        times, _ = _times(table, ScaledColumn(0, 0.0), how)
-    else:
-        if how.rate_hz is None and parts == 1:
-            raise InputError(f"{table.file}: has no times; give the rate of its rows, --rate HZ")
-        times = np.arange(len(rows)) / (how.rate_hz or ROWS_HZ)
     known, none = frozenset(joints[:count]), frozenset[str]()
     velocities = known if parts > 1 and rows[:, 1].any() else none
     efforts = known if parts > 2 and rows[:, 2].any() else none
+    if time is not None:
+        times, _ = _times(table, TableLayout((), ScaledColumn(time, 0.0)), how)
+    else:
+        if how.rate_hz is None and not velocities and rows[:, 0].any():
+            raise InputError(f"{table.file}: has no times; give the rate of its rows, --rate HZ")
+        times = np.arange(len(rows)) / (how.rate_hz or ROWS_HZ)
     motion = ArmMotion(
         table.file, arm.name, joints, times, rows, (known, velocities, efforts), table.rows,
         timed=timed, notes=table.notes,
@@ -520,13 +530,30 @@ def _bare_motion(table: NumberTable, arm: ArmDescription, how: ReadSettings) -> 
     return checked_motion(motion, arm, timed or how.rate_hz is not None)
 
 
-def _rises(column: Array) -> bool:
-    """Return whether numbers rise in even steps, but for pauses, as times do."""
+def _time_column(table: NumberTable, ends: Sequence[int], own: int) -> int | None:
+    """Return the column, of those at the ends of the rows, that rises as times do.
+
+    Raises:
+        InputError: both do, equally evenly
+    """
+    rising = [k for k in ends if _rises(table.values[:, k], ROUGHLY)]
+    even = [k for k in rising if _rises(table.values[:, k], EVENLY)]
+    if len(even) > 1:
+        last = ends[-1]
+        raise InputError(
+            f"{table.file}: the first and the last of {last + 1} columns rise as times do; name"
+            f" them, --columns time=0,position=1:{own + 1} or time={last},position=0:{own}"
+        )
+    return next(iter(even or rising), None)
+
+
+def _rises(column: Array, apart: float) -> bool:
+    """Return whether numbers rise in steps this much apart at most, but for pauses."""
     steps = np.diff(column)
     if not len(steps):
         return False
     usual = float(np.median(steps))
-    return usual > 0.0 and float(np.mean(np.abs(steps - usual) < 0.5 * usual)) > 0.9
+    return usual > 0.0 and float(np.mean(np.abs(steps - usual) < apart * usual)) > 0.9
 
 
 def _are_quaternions(columns: Array) -> bool:

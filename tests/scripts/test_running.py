@@ -208,6 +208,14 @@ def test_a_part_of_ros_that_is_missing_is_named(tmp_path: Path, module: str):
     assert "crtk, crtk_msgs, cv_bridge, dvrk" in str(told.value)
 
 
+@pytest.mark.parametrize(
+    "text", ["import tf\ntf.TransformBroadcaster()", "from tf import Listener"]
+)
+def test_transforms_of_topics_are_a_part_that_is_missing(tmp_path: Path, text: str):
+    with pytest.raises(InputError, match=r"needs the ROS package 'tf\.\w+'.* tf.transformations"):
+        play(tmp_path, text)
+
+
 def test_a_script_may_do_without_a_part_of_ros(tmp_path: Path):
     text = "try:\n    import tf2_ros\nexcept ImportError:\n    found = False\nassert not found\n"
     assert play(tmp_path, text).status == 0
@@ -284,6 +292,39 @@ def test_a_script_may_use_rospy_itself(tmp_path: Path, capsys: pytest.CaptureFix
     said = capsys.readouterr()
     assert said.out.splitlines()[1:] == ["bye", "interrupted"]
     assert said.out.startswith("[INFO] [") and said.err.count("twice") == 1
+
+
+def test_a_script_may_import_what_is_inside_rospy(tmp_path: Path):
+    text = """
+    import roslib; roslib.load_manifest("my_package")
+    import rospy
+    import rospy.core
+    from rospy.exceptions import ROSException
+    from rospy.rostime import Time
+    assert not rospy.core.is_initialized()
+    rospy.init_node("any")
+    assert rospy.core.is_initialized() and not rospy.core.is_shutdown()
+    assert ROSException is rospy.ROSException and Time is rospy.Time
+    """
+    assert play(tmp_path, text).status == 0
+
+
+def test_a_cloud_of_points_goes_from_a_script_to_itself(tmp_path: Path):
+    text = """
+    import rospy
+    from geometry_msgs.msg import Point32
+    from sensor_msgs.msg import ChannelFloat32, PointCloud
+    rospy.init_node("any")
+    got = []
+    rospy.Subscriber("/balls", PointCloud, got.append)
+    sender = rospy.Publisher("/balls", PointCloud, queue_size=1)
+    rospy.sleep(0.1)
+    channel = ChannelFloat32(name="size", values=[4.0])
+    sender.publish(PointCloud(points=[Point32(1.0, 2.0, 3.0)], channels=[channel]))
+    rospy.sleep(0.1)
+    assert got[0].points[0].y == 2.0 and list(got[0].channels[0].values) == [4.0]
+    """
+    assert play(tmp_path, text).status == 0
 
 
 def test_names_of_the_command_line_replace_those_of_the_script(tmp_path: Path):

@@ -64,8 +64,7 @@ def script_modules(node: Node, folder: Path, ros: Ros2 | None = None) -> dict[st
     """
     if ros is None:
         found = message_modules()
-        found["rospy"] = _module("rospy", node.names(), "What scripts use of rospy.")
-        found |= ros1_modules(node)
+        found |= rospy_modules(node) | ros1_modules(node)
         own = client_modules(type("ral", (crtk_client.ral,), {"_node_of_run": node}))
     else:
         found = message_modules(2) | rclpy_modules(ros) | ros2_modules(ros)
@@ -99,6 +98,18 @@ def client_modules(layer: type, edition: Edition = 1) -> dict[str, ModuleType]:
     return found
 
 
+def rospy_modules(node: Node) -> dict[str, ModuleType]:
+    """Return {name: module} of rospy, and of those inside it that scripts import."""
+    names = node.names()
+    found = {"rospy": _module("rospy", names, "What scripts use of rospy.")}
+    for part in ("client", "core", "exceptions", "names", "rostime", "timer", "topics"):
+        made = found[f"rospy.{part}"] = _module(f"rospy.{part}", names, f"rospy.{part}.")
+        found["rospy"].__dict__[part] = made
+    begun = {"is_initialized": lambda: node.get_node_uri() is not None}
+    found["rospy.core"].__dict__.update(begun)
+    return found
+
+
 def ros1_modules(node: Node) -> dict[str, ModuleType]:
     """Return {name: module} of what scripts for ROS 1 import beside rospy."""
     bag = type("Bag", (bags.RosBag,), {"now": staticmethod(node.get_rostime)})
@@ -114,16 +125,28 @@ def ros1_modules(node: Node) -> dict[str, ModuleType]:
             {"Bag": bag, "ROSBagException": bags.BagException, "BagMessage": bags.BagMessage},
             "Bags.",
         ),
+        "roslib": _module("roslib", {"load_manifest": load_manifest}, "Paths of ROS 1's packages."),
         "tf": _module("tf", {}, "Transformations; without transforms of topics."),
         "tf_conversions": _module("tf_conversions", poses, "Poses as frames of PyKDL."),
         "tf_conversions.posemath": _module("tf_conversions.posemath", poses, "The same."),
     }
+    found["tf"].__dict__["__getattr__"] = _missing_of_tf
     for package in ("tf", "tf_conversions"):
         name = f"{package}.transformations"
         found[name] = _module(name, turns, "Matrices, quaternions and angles.")
         found[package].__dict__["transformations"] = found[name]
     found["tf_conversions"].__dict__["posemath"] = found["tf_conversions.posemath"]
     return found
+
+
+def _missing_of_tf(name: str) -> Any:
+    if name.startswith("__"):
+        raise AttributeError(name)
+    raise MissingPackageError(f"tf.{name}", ("tf.transformations",))
+
+
+def load_manifest(package: str) -> None:
+    """Do nothing: paths of packages are those of Python."""
 
 
 def camera_model_module() -> ModuleType:

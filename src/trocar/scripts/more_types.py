@@ -40,6 +40,10 @@ TEXTS: dict[str, str] = {
     "geometry_msgs/TwistWithCovariance": "geometry_msgs/Twist twist\nfloat64[36] covariance",
     "geometry_msgs/Accel": "geometry_msgs/Vector3 linear\ngeometry_msgs/Vector3 angular",
     "geometry_msgs/AccelStamped": f"{_HEADER}geometry_msgs/Accel accel",
+    "sensor_msgs/ChannelFloat32": "string name\nfloat32[] values",
+    "sensor_msgs/PointCloud": (
+        f"{_HEADER}geometry_msgs/Point32[] points\nsensor_msgs/ChannelFloat32[] channels"
+    ),
     "sensor_msgs/PointField": (
         "uint8 INT8=1\nuint8 UINT8=2\nuint8 INT16=3\nuint8 UINT16=4\nuint8 INT32=5\n"
         "uint8 UINT32=6\nuint8 FLOAT32=7\nuint8 FLOAT64=8\n"

@@ -349,8 +349,10 @@ def write_tidy(path: Path, rows: Array, time: Array) -> Path:
 
 @pytest.fixture
 def tidy(tmp_path: Path) -> Callable[..., Path]:
-    def write(change: Callable[[Array, Array], None] | None = None, seconds: int = 10) -> Path:
-        moved = motion("ecm")
+    def write(
+        change: Callable[[Array, Array], None] | None = None, seconds: int = 10, seed: int = 1
+    ) -> Path:
+        moved = motion("ecm", seed=seed)
         effort = predicted_efforts(load_arm("ecm"), described_trains(load_arm("ecm")), moved)
         rows = np.hstack([moved.q, moved.qd, effort])[: int(seconds * RATE_HZ)]
         time = np.arange(len(rows)) / RATE_HZ
@@ -529,7 +531,7 @@ def test_swapped_efforts_are_named(
     def change(rows: Array, _time: Array) -> None:
         rows[:, [8, 10]] = rows[:, [10, 8]]
 
-    path = tidy(change)
+    path = tidy(change, seed=5)  # yaw and insertion move unlike
     output = path.with_suffix(".toml")
     assert main(["identify", str(path), "--arm", "ecm", "-o", str(output)]) == 2
     message = capsys.readouterr().err

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import cast
@@ -29,7 +29,7 @@ from trocar.robot.identification import (
     read_motion,
 )
 from trocar.robot.identification.drivetrains import labels
-from trocar.robot.identification.logs import Log
+from trocar.robot.identification.logs import Log, decimable
 from trocar.robot.identification.regression import EffortModel, predicted_efforts
 from trocar.robot.identification.rigid_body import JointMotion, parameters
 from trocar.robot.standing import standing_arm
@@ -114,32 +114,61 @@ def simulated_log(rig: str, plan: Excitation, robot: Overlay) -> Log:
     Within a physics step weight acts half a step late, springs and viscous friction half a step
     early, which is found as friction and inertia: errors proportional to the step, so that logs of
     two steps, one twice the other, leave their squares. Stop elements are renewed in each step;
-    efforts are the mean of the steps around a sample. With computed torque, as the steps of gravity
-    compensation fold onto efforts that are sampled at 200 Hz.
+    efforts are the mean of the steps around a sample. With computed torque, set-points in each
+    step.
     """
-    stand = standing_arm(None, rig=rig)
     curve = CubicSpline(np.arange(len(plan.q)) / plan.rate_hz, plan.q)
 
-    def played(step_s: float) -> Array:
+    def played(world: World, name: str, every: int) -> Array:
+        world.arm(name).joints.use_computed_torque(True)
+        times = np.arange((len(plan.q) - 1) * every + 1) * world.timestep
+        return _played(world, name, curve(times), curve(times, 1))[:, ::every]
+
+    return _extrapolated(rig, plan, robot, played)
+
+
+def held_log(rig: str, plan: Excitation, robot: Overlay) -> Log:
+    """Return the log of a rig's only arm whose own controller holds set-points until the next ones.
+
+    Extrapolated as that of `simulated_log`, and filtered before it is resampled, as by `trocar
+    identify`.
+    """
+
+    def played(world: World, name: str, every: int) -> Array:
+        held = np.repeat(plan.q, every, axis=0)
+        rows = _played(world, name, held, np.zeros_like(held)).transpose(1, 0, 2)
+        rows = decimable(rows, every * plan.rate_hz, plan.rate_hz)
+        return rows[every - 1 :: every].transpose(1, 0, 2)
+
+    return _extrapolated(rig, plan, robot, played)
+
+
+def _extrapolated(
+    rig: str, plan: Excitation, robot: Overlay, played: Callable[[World, str, int], Array]
+) -> Log:
+    stand = standing_arm(None, rig=rig)
+
+    def with_step(step_s: float) -> Array:
         world = World(load_rig(rig, {stand.name: robot}), collisions=False, timestep_s=step_s)
         world.part(Drivetrains).every = 1
         world.load(world.save())
-        world.arm(stand.name).joints.use_computed_torque(True)
-        every = round(1.0 / plan.rate_hz / step_s)
-        times = np.arange((len(plan.q) - 1) * every + 1) * step_s
-        world.set_state(stand.name, curve(0.0))
-        found = world.play({stand.name: curve(times)}, {stand.name: curve(times, 1)}, every=1)
-        effort = found.efforts[stand.name]
-        effort = 0.5 * (effort + np.concatenate([effort[1:], effort[-1:]]))
-        parts = found.positions[stand.name], found.velocities[stand.name], effort
-        return np.stack([part[::every] for part in parts])
+        world.set_state(stand.name, plan.q[0])
+        return played(world, stand.name, round(1.0 / plan.rate_hz / step_s))
 
-    q, qd, effort = 2.0 * played(0.5 * STEP_S) - played(STEP_S)
+    q, qd, effort = 2.0 * with_step(0.5 * STEP_S) - with_step(STEP_S)
     names = stand.arm.mechanism.joint_names
     return Log(
         "simulated", plan.rate_hz, q, qd, effort, names, np.eye(len(names)), simulated=True,
         up=stand.up,
     )  # fmt: skip
+
+
+def _played(world: World, name: str, q: Array, qd: Array) -> Array:
+    """Return positions, velocities and efforts of each step along set-points, (3, k, n)."""
+    found = world.play({name: q}, {name: qd}, every=1)
+    effort = found.efforts[name]
+    effort = 0.5 * (effort + np.concatenate([effort[1:], effort[-1:]]))
+    return np.stack([found.positions[name], found.velocities[name], effort])
 
 
 def returned(title: str, result: Identified, truth: Overlay) -> list[Figure]:

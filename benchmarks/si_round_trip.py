@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.drives import returned, simulated_log
+from benchmarks.drives import held_log, returned, simulated_log
 from trocar.descriptions.overlay_records import BodyDynamics, Dynamics, Overlay
 from trocar.descriptions.records import ArmDescription
 from trocar.robot.identification import default_filters, excite, filtered, identify
@@ -55,15 +55,19 @@ def made_robot(arm: ArmDescription, rng: np.random.Generator) -> Overlay:
 
 
 def si_round_trip(rigs: tuple[str, ...] = ("psm_si", "ecm_si")) -> list[Figure]:
-    """Identify arms that lean as on their cart from logs of motions of `excite`."""
+    """Identify arms that lean as on their cart from logs of motions of `excite`.
+
+    By computed torque, and by the arm's own controller with set-points that are held.
+    """
     found: list[Figure] = []
     for rig in rigs:
         stand = standing_arm(None, rig=rig)
         robot = made_robot(stand.arm, np.random.default_rng(0))
         period_s, repeats, candidates = MOTION
         plan = excite(stand.arm, period_s, repeats, candidates=candidates, up=stand.up)
-        log = simulated_log(rig, plan, robot)
-        logs = [filtered(log, stand.arm, default_filters(stand.arm))]
-        result = identify(logs, stand.arm, mass_ratios=BOUNDS)
-        found += returned(f"si: {rig}, {repeats} times {period_s:g} s", result, robot)
+        for how, made in (("computed torque", simulated_log), ("held set-points", held_log)):
+            log = made(rig, plan, robot)
+            logs = [filtered(log, stand.arm, default_filters(stand.arm))]
+            result = identify(logs, stand.arm, mass_ratios=BOUNDS)
+            found += returned(f"si: {rig}, {how}", result, robot)
     return found

@@ -301,12 +301,16 @@ def _resampled(piece: ArmMotion, own_hz: float, rate_hz: float) -> Array:
     if rate_hz >= own_hz or len(even.rows) < SHORTEST_S * rate_hz:
         return even.rows
     even = piece.at_rate(own_hz)
-    return replace(even, rows=_decimable(even.rows, own_hz, rate_hz)).at_rate(rate_hz).rows
+    return replace(even, rows=decimable(even.rows, own_hz, rate_hz)).at_rate(rate_hz).rows
 
 
-def _decimable(values: Array, own_hz: float, rate_hz: float) -> Array:
-    """Return samples, (k, ...), without what would fold at a lower rate."""
-    return low_pass(values, KEPT * rate_hz, own_hz, FilterSettings())
+def decimable(rows: Array, own_hz: float, rate_hz: float) -> Array:
+    """Return rows, (k, 3, n), whose velocities and efforts lack what folds at a lower rate.
+
+    Positions stay as they are, as stop elements follow those ahead of any filter.
+    """
+    kept = low_pass(rows[:, 1:], KEPT * rate_hz, own_hz, FilterSettings())
+    return np.concatenate([rows[:, :1], kept], axis=1)
 
 
 def filtered(log: Log, arm: ArmDescription, settings: FilterSettings) -> FilteredLog:
@@ -398,7 +402,7 @@ def _own_rows(file: str, arm: ArmDescription, name: str) -> tuple[Array, float, 
     rows = np.stack([states.position, states.velocity, effort], axis=1)
     rate_hz = 1.0 / (every * recorded.timestep)
     if every > 1 and len(rows) >= SHORTEST_S * every * rate_hz:
-        rows = _decimable(rows, every * rate_hz, rate_hz)
+        rows = decimable(rows, every * rate_hz, rate_hz)
     return rows[::every, :, order], rate_hz, _recorded_up(recorded, fitting[0].name)
 
 

@@ -68,6 +68,7 @@ def test_an_inertia_of_no_body_is_mended_and_said(tmp_path: Path) -> None:
         ("<pose>1 2 3", "<pose>1 2", "got '1 2 0 0 0.5'; allowed: 6"),
         ('<link name="base"/>', '<link name="base"/><actor/>', "<actor> is unknown inside <model>"),
         ('type="revolute"', 'type="screw"', "got the type 'screw'"),
+        ('type="revolute">', 'type="universal"><axis2/>', "got the type 'universal'; allowed: fix"),
     ],
 )
 def test_a_fault_in_an_sdf_is_named(old: str, new: str, problem: str, tmp_path: Path) -> None:

@@ -300,3 +300,15 @@ def test_unknown_units_and_axes_are_refused(tmp_path: Path) -> None:
         import_file(tmp_path / "a.stl", tmp_path / "out", ImportOptions(up="w"))
     with pytest.raises(InputError, match="got the unit 'ft'; allowed: m, mm, cm, in"):
         import_file(tmp_path / "a.stl", tmp_path / "out", ImportOptions(unit="ft"))
+
+
+def test_coordinates_of_a_texture_without_a_material_give_no_colour(tmp_path: Path) -> None:
+    text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvt 0 0\nvt 1 0\nvt 0 1\n"
+    faces = ("1 3 2", "1 2 4", "2 3 4", "3 1 4")
+    for face in faces:
+        a, b, c = face.split()
+        text += f"f {a}/1 {b}/2 {c}/3\n"
+    (tmp_path / "bare.obj").write_text(text, encoding="utf-8")
+    found = read_surface(tmp_path / "bare.obj")
+    assert [material for material, _ in found.looks] == [""]
+    assert found.notes == ()

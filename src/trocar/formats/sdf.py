@@ -827,10 +827,10 @@ class _SdfModel:
 
     def joint(self, node: XmlNode) -> SourceJoint:
         """Return a joint of the model."""
-        node.check(("pose", "parent", "child", "axis", "physics", "sensor"))
         kind, name = node.attribute("type"), self.named(node.attribute("name"))
         if kind not in KINDS:
             raise node.fail(f"got the type {kind!r}; allowed: {', '.join(KINDS)}")
+        node.check(("pose", "parent", "child", "axis", "physics", "sensor"))
         parent, child = (self.named(node.need(end).text()) for end in ("parent", "child"))
         at_child, here = self.at(child, node), self.at(name, node)
         pose = inverse(self.at(parent, node)) @ at_child

@@ -229,6 +229,8 @@ def _look_of(mesh: Any, linear: bool) -> _Look:
     if simple and "kd" not in own:
         factor = None
     image = getattr(material, "image", None) or getattr(material, "baseColorTexture", None)
+    if simple and not own and image is not None and image.size == (2, 2):
+        image = None  # trimesh's stand-in where a file has coordinates and no material
     rgba = np.ones(4) if factor is None else np.asarray(factor, dtype=np.float64) / 255.0
     clear = bool(rgba[3] < 1.0) or _opacity(own) < 1.0
     tint = _screen_from_linear(rgba[:3]) if linear else rgba[:3]

@@ -23,6 +23,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 from PIL import Image
 from selenium import webdriver
@@ -347,7 +348,8 @@ def screenshot(url: str, shot: Shot, end: Callable[[], object]) -> Image.Image:
 
 def pull(tab: webdriver.Chrome, node: str, axis: int, by_m: float) -> None:
     """Take a handle at one of its arrows, and pull it along."""
-    (x, y), (to_x, to_y) = tab.execute_script(PLACES, node, axis, [GRIP_M, GRIP_M + by_m])
+    places: Any = tab.execute_script(PLACES, node, axis, [GRIP_M, GRIP_M + by_m])
+    (x, y), (to_x, to_y) = places
     hand = ActionChains(tab, duration=300)
     hand.w3c_actions.pointer_action.move_to_location(round(x), round(y))
     hand.pause(0.5).click_and_hold()

@@ -324,8 +324,8 @@ def screenshot(url: str, shot: Shot, end: Callable[[], object]) -> Image.Image:
             time.sleep(3.0)
             tab.execute_script(LEVEL, shot.level)
         time.sleep(DRAWN_S)
-        if shot.look:
-            wait.until(lambda _: tab.execute_script(LOOK, *shot.look))
+        if look := shot.look:
+            wait.until(lambda _: tab.execute_script(LOOK, *look))
             time.sleep(2.0)
         tab.execute_script(shot.press)
         if shot.pull:

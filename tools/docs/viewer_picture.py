@@ -3,7 +3,8 @@
 python tools/docs/viewer_picture.py NAME [FILE]
 
 NAME: cart, teleoperation, viewer-scene, viewer-gallery, viewer-gone, viewer-phone,
-viewer-recording, viewer-upload, viewer-outline, viewer-hands or viewer-depth.
+viewer-recording, viewer-upload, viewer-outline, viewer-hands, viewer-depth, viewer-forces,
+viewer-reach or viewer-help.
 
 Needs the extra `browser` and Chromium with its driver, which draw without a display.
 """
@@ -22,10 +23,12 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 from PIL import Image
 from selenium import webdriver
 from selenium.common.exceptions import TimeoutException
+from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.support.wait import WebDriverWait
 
 IMAGES = Path(__file__).parents[2] / "docs" / "images"
@@ -72,6 +75,9 @@ class Shot:
         phone: whether the window is a phone's
         gone: whether the simulator is ended before the picture
         moved_s: time from the press to the picture [s]
+        until: what is waited for before, in JavaScript
+        look: node of the scene in the middle of the view, and from how far [m]
+        pull: a handle's node, the axis at which it is taken, and by how far [m]
     """
 
     command: tuple[str, ...]
@@ -84,7 +90,10 @@ class Shot:
     phone: bool = False
     gone: bool = False
     moved_s: float = MOVED_S
+    until: str = "return true"
     before: tuple[str, ...] = ()
+    look: tuple[str, float] | None = None
+    pull: tuple[str, int, float] | None = None
 
 
 def press(button: str) -> str:
@@ -152,6 +161,42 @@ setTimeout(() => press('home'), 10000);
 setTimeout(() => named('Timeline').scrollIntoView(), 15000);
 """
 
+#: Draws the forces of contacts, begins the episode again, and stops when the jaw holds.
+FORCES = """
+const named = name => [...document.querySelectorAll('*')]
+  .filter(e => e.children.length < 3 && e.innerText?.trim() === name).pop();
+const press = name => [...document.querySelectorAll('button')]
+  .find(b => b.innerText === name).click();
+named('See').click();
+setTimeout(() => {
+  const label = [...document.querySelectorAll('label')].find(l => l.innerText === 'Contact forces');
+  document.getElementById(label.htmlFor).click();
+  named('See').scrollIntoView();
+  press('Again');
+}, 4000);
+setTimeout(() => {
+  let begun = false;
+  const watch = setInterval(() => {
+    const bar = document.querySelector('[data-trocar=bar]').innerText;
+    const before = Number.parseFloat(bar.match(/([0-9.]+) of [0-9]+ s/)?.[1]) < HOLDS_S;
+    begun ||= before;
+    if (!begun || before) return;
+    clearInterval(watch);
+    press('Pause');
+  }, 20);
+}, 4500);
+""".replace("HOLDS_S", "1.6")
+
+#: Shows the folder with the reason, and no camera.
+REACH = """
+[...document.querySelectorAll('button')].find(b => b.innerText === 'off').click();
+[...document.querySelectorAll('*')].filter(e => e.children.length < 3
+  && e.innerText?.trim() === 'Timeline').pop().scrollIntoView();
+"""
+
+#: Opens the sheet of keys.
+HELP = "document.querySelector('[data-trocar-send=\"help/\"]').click()"
+
 SHOTS = {
     "cart": Shot(
         ("sim",),
@@ -190,6 +235,28 @@ SHOTS = {
     "viewer-hands": Shot(
         ("sim", "--rig", "two_psm_ecm"), HANDS, "1500,1000", 0.85, left=False, moved_s=18.0
     ),
+    "viewer-forces": Shot(
+        ("play", "needle-pick"),
+        FORCES,
+        "2000,900",
+        0.7,
+        left=False,
+        moved_s=5.0,
+        until="return document.querySelector('[data-trocar=bar]').innerText.includes('paused')",
+        look=("/world/needle", 0.45),
+    ),
+    "viewer-reach": Shot(
+        ("sim", "--rig", "two_psm_ecm"),
+        REACH,
+        "2100,900",
+        0.7,
+        left=False,
+        moved_s=8.0,
+        until="return document.querySelector('[data-trocar=reach]')?.innerText.length > 5",
+        look=("/hands/tip_PSM1", 0.6),
+        pull=("/hands/tip_PSM1", 0, 0.13),
+    ),
+    "viewer-help": Shot(("sim", "--rig", "two_psm_ecm"), HELP, "1320,960", 0.7, moved_s=6.0),
     "viewer-depth": Shot(
         ("sim", "--rig", "pegs"), press("depth"), "1320,800", 0.9, left=False, right=False
     ),
@@ -205,6 +272,29 @@ box.focus(); box.click();
 setTimeout(() => [...document.querySelectorAll('[role=option]')]
   .find(o => o.innerText === arguments[0]).click(), 500);
 """
+#: Looks at a node from where the eye is, nearer.
+LOOK = """
+const [name, away] = arguments, page = __viserMutable, eye = page.camera.position;
+const node = page.nodeRefFromName[name];
+if (!node) return false;
+node.updateWorldMatrix(true, true);
+const at = node.matrixWorld.elements.slice(12, 15);
+const from = [eye.x - at[0], eye.y - at[1], eye.z - at[2]], far = Math.hypot(...from);
+page.cameraControl.setLookAt(...at.map((m, k) => m + away / far * from[k]), ...at, false);
+return true;
+"""
+#: Places on an axis of a node, in the page [CSS px].
+PLACES = """
+const [name, axis, along] = arguments, page = __viserMutable;
+const node = page.nodeRefFromName[name], box = page.canvas.getBoundingClientRect();
+return along.map(metres => {
+  const at = node.position.clone().set(...[0, 1, 2].map(k => k === axis ? metres : 0))
+    .applyMatrix4(node.matrixWorld).project(page.camera);
+  return [box.left + (at.x + 1) / 2 * box.width, box.top + (1 - at.y) / 2 * box.height];
+});
+"""
+#: From the middle of a tip's handle to where it is taken [m]. Source: by eye: its arrow's shaft.
+GRIP_M = 0.045
 BAR = "return document.querySelector('[data-trocar=bar]')?.innerText.length > 5"
 
 
@@ -226,6 +316,7 @@ def screenshot(url: str, shot: Shot, end: Callable[[], object]) -> Image.Image:
             width, height = map(int, shot.window.split(","))
             screen = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": True}
             tab.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", screen)
+        tab.set_script_timeout(180.0)
         tab.get(url)
         wait = WebDriverWait(tab, 180.0, ignored_exceptions=[TimeoutException])
         wait.until(lambda _: tab.execute_script(BAR))
@@ -233,9 +324,15 @@ def screenshot(url: str, shot: Shot, end: Callable[[], object]) -> Image.Image:
             time.sleep(3.0)
             tab.execute_script(LEVEL, shot.level)
         time.sleep(DRAWN_S)
+        if look := shot.look:
+            wait.until(lambda _: tab.execute_script(LOOK, *look))
+            time.sleep(2.0)
         tab.execute_script(shot.press)
+        if shot.pull:
+            pull(tab, *shot.pull)
         if shot.gone:
             end()
+        wait.until(lambda _: tab.execute_script(shot.until))
         time.sleep(shot.moved_s)
         tab.execute_script(CLOSE)
         seen = Image.open(io.BytesIO(tab.get_screenshot_as_png())).convert("RGB")
@@ -247,6 +344,19 @@ def screenshot(url: str, shot: Shot, end: Callable[[], object]) -> Image.Image:
         )
     finally:
         tab.quit()
+
+
+def pull(tab: webdriver.Chrome, node: str, axis: int, by_m: float) -> None:
+    """Take a handle at one of its arrows, and pull it along."""
+    places: Any = tab.execute_script(PLACES, node, axis, [GRIP_M, GRIP_M + by_m])
+    (x, y), (to_x, to_y) = places
+    hand = ActionChains(tab, duration=300)
+    hand.w3c_actions.pointer_action.move_to_location(round(x), round(y))
+    hand.pause(0.5).click_and_hold()
+    for share in (0.25, 0.5, 0.75, 1.0):
+        at = round(x + share * (to_x - x)), round(y + share * (to_y - y))
+        hand.w3c_actions.pointer_action.move_to_location(*at)
+    hand.pause(1.0).release().perform()
 
 
 def main(name: str, file: Path) -> None:

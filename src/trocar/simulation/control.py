@@ -343,8 +343,7 @@ class JointControl:
         Whether joints follow is looked up again only after commands and events.
 
         Args:
-            q, v: positions and velocities [rad or m, per s]; the journal keeps them, so they are
-                never written to
+            q, v: positions and velocities in plain numbers [rad or m, per s]
 
         Returns:
             whether it is done
@@ -368,7 +367,7 @@ class JointControl:
         journal.streamed += 1
         past = journal.past
         if not past.incomplete:
-            row = (journal.period, journal.time, self._name, q, v, self._own)
+            row = (journal.period, journal.time, self._name, q.copy(), v.copy(), self._own)
             past.rows.append(row)
             past.commands += 1 + (len(q) > self._own)
             past.numbers += 2 * len(q)

@@ -19,7 +19,7 @@ from trocar.simulation.arm import Arm
 from trocar.simulation.rig_readings import RigReadings
 
 Array = NDArray[np.float64]
-#: Set-points and their velocities of arms in plain numbers, never written to, {arm: (q, v)}.
+#: Set-points and their velocities of arms in plain numbers, {arm: (q, v)}.
 Row = dict[str, tuple[list[float], list[float]]]
 
 #: Duration of an action. Source: our own choice, 50 Hz. [s]

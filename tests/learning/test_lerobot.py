@@ -206,6 +206,7 @@ def shorten(name: str) -> Callable[[Path], None]:
 
 INFO, DATA = "meta/info.json", "data/chunk-000/file-000.parquet"
 EPISODES = "meta/episodes/chunk-000/file-000.parquet"
+TASKS = "meta/tasks.parquet"
 
 
 @pytest.mark.parametrize(
@@ -231,6 +232,7 @@ EPISODES = "meta/episodes/chunk-000/file-000.parquet"
             INFO,
             "total_episodes: got 4; the table of episodes has 3",
         ),
+        (cut(TASKS, 300), TASKS, "is torn"),
         (drop(DATA), DATA, "no such file"),
         (cut(DATA, 1500), DATA, "is torn"),
         (shorten(DATA), DATA, "got 16 frames; expected 17 by the table of episodes"),

@@ -110,7 +110,7 @@ def test_views_are_of_different_places() -> None:
     ("action", "says"),
     [
         (np.full(7, np.nan, np.float32), "got nan as PSM1.x"),
-        (np.zeros(6, np.float32), r"got the shape \(1, 6\); allowed: \(1, 7\)"),
+        (np.zeros(6, np.float32), r"got the shape \(6,\); allowed: \(7,\)"),
         (np.zeros(7, np.complex64), "got complex64 as dtype"),
     ],
 )

@@ -140,8 +140,12 @@ class ActionKind:
         self.high = np.ones(len(names), np.float32)
         self.low = -self.high
 
-    def check(self, action: ArrayLike | Sequence[ArrayLike], n: int) -> Array:
+    def check(self, action: ArrayLike | Sequence[ArrayLike], n: int | None = None) -> Array:
         """Return the actions of n worlds, clipped to [-1, 1], (n, m).
+
+        Args:
+            action: (n, m), or (m,) of a single world
+            n: number of worlds; None for a single one
 
         Raises:
             InputError: another shape or kind of numbers, or one that is not finite; the world is
@@ -151,7 +155,7 @@ class ActionKind:
             given = np.asarray(action)
         except ValueError:  # rows of different lengths
             given = np.empty(0)
-        shape = n, len(self.names)
+        shape = (len(self.names),) if n is None else (n, len(self.names))
         if given.shape != shape:
             got = given.shape if given.size else shown(action)
             raise InputError(f"{self._label}: action: got the shape {got}; allowed: {shape}")
@@ -159,9 +163,10 @@ class ActionKind:
             raise InputError(
                 f"{self._label}: action: got {given.dtype} as dtype; allowed: float32 or float64"
             )
+        given = np.atleast_2d(given)
         if not (finite := np.isfinite(given)).all():
             world, column = np.argwhere(~finite)[0].tolist()
-            place = f"world {world}: " if n > 1 else ""
+            place = f"world {world}: " if len(given) > 1 else ""
             raise InputError(
                 f"{self._label}: action: {place}got {given[world, column]} as"
                 f" {self.names[column]}; allowed: finite numbers"

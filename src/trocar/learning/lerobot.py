@@ -441,6 +441,11 @@ def open_dataset(root: str | Path) -> Dataset:
         if isinstance(problem, LogError):
             raise
         raise _torn(where / INFO, problem) from problem
+    if (tasks := where / TASKS).is_file():
+        try:
+            parquet.read_metadata(tasks)
+        except DAMAGED as problem:
+            raise _torn(tasks, problem) from problem
     for path, length in lengths.items():
         _check_data(path, length, [*features, *INDEXES], parquet)
     for path in sorted(films):

@@ -281,7 +281,7 @@ class TaskEnv:
         return self.encoder.places(self.readings)
 
     def _checked(self, action: ArrayLike) -> Array:
-        return self.actions.check([action], 1)
+        return self.actions.check(action)
 
     def _velocities(self, action: Array, period: int) -> Array:
         """Return the action of `Task.command` for a period of an action."""

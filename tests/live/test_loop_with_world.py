@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import threading
 import time
 
@@ -196,3 +198,16 @@ def test_a_speed_that_is_none_is_rejected_and_nothing_changes(speed: float | str
     loop.post(Command("world", "set_speed", {"speed": speed}))
     loop.run(0.01)
     assert loop.speed is None and loop.state.refused == 1
+
+
+def test_a_program_may_end_while_a_loop_steps() -> None:
+    """Python ends threads that run; one that is within MuJoCo then takes the process down."""
+    program = (
+        "import time\n"
+        "from trocar import World\n"
+        "from trocar.live import Loop\n"
+        "loop = Loop(World('full_cart'), speed='max')\n"
+        "loop.start()\n"
+        "time.sleep(0.2)\n"
+    )
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0

@@ -8,6 +8,7 @@ tick and on nothing else: not on the machine's speed, nor on who watches.
 
 from __future__ import annotations
 
+import atexit
 import logging
 import threading
 from collections.abc import Callable
@@ -215,7 +216,11 @@ class Loop:
         return answer
 
     def start(self, duration_s: float | None = None) -> None:
-        """Run in a thread of its own, for a simulated time or until stopped [s]."""
+        """Run in a thread of its own, for a simulated time or until stopped [s].
+
+        A program that ends stops it first: a thread that Python ends within MuJoCo takes the
+        process down.
+        """
         if self.running:
             raise InputError("the loop is already running")
         self._stopping.clear()
@@ -228,6 +233,7 @@ class Loop:
             name="trocar-loop",
             daemon=True,
         )
+        atexit.register(self.close)
         thread.start()
 
     def wait(self, timeout_s: float | None = None) -> bool:
@@ -325,6 +331,8 @@ class Loop:
             outcome.set_exception(error)
         else:
             outcome.set_result(None)
+        finally:
+            atexit.unregister(self.close)
 
     def _apply(self, command: Command) -> None:
         if self._on_apply is not None and command.verb != ASK:

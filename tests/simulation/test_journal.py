@@ -94,14 +94,14 @@ def streamed(by_verbs: bool) -> World:
     arm = world.arm("PSM1")
     assert arm.jaw is not None
     for k in range(20):
-        q, v = arm.joints.setpoints() + 0.002 * k, np.full(7, 0.2)
+        q, v = (arm.joints.setpoints() + 0.002 * k).tolist(), [0.2] * 7
         own = slice(6) if k % 3 == 2 else slice(7)  # the jaw rests in every third row
         q, v = q[own], v[own]
         if by_verbs or not arm.runtime.control.stream(q, v):
-            arm.servo_jp(q[:6], v[:6])
+            arm.servo_jp(np.array(q[:6]), np.array(v[:6]))
             if len(q) > 6:
-                arm.jaw.servo_jp(q[6:], v[6:])
-        q[:] = v[:] = 9.0  # what is kept are copies
+                arm.jaw.servo_jp(np.array(q[6:]), np.array(v[6:]))
+        q[0] = v[0] = 9.0  # what is kept are copies
         world.step(10)
     return world
 
@@ -123,8 +123,8 @@ def test_a_row_of_set_points_is_those_of_the_arm_and_of_its_jaw():
 def test_a_row_that_verbs_must_look_at_changes_nothing(why: str):
     world = World("psm")
     arm = world.arm("PSM1")
-    q, v = arm.joints.setpoints(), np.zeros(7)
-    assert arm.runtime.control.stream(q, v)
+    q, v = arm.joints.setpoints(), [0.0] * 7
+    assert arm.runtime.control.stream(q.tolist(), v)
     if why == "beyond":
         q[0] = 2.0 * arm.joints.upper[0]
     elif why == "nan":
@@ -138,7 +138,7 @@ def test_a_row_that_verbs_must_look_at_changes_nothing(why: str):
     else:
         arm.state_command("pause")
     before, kept = world.mj_data.ctrl.copy(), len(world.past.entries)
-    assert not arm.runtime.control.stream(q + 1e-3, v)
+    assert not arm.runtime.control.stream((q + 1e-3).tolist(), v)
     np.testing.assert_array_equal(world.mj_data.ctrl, before)
     assert len(world.past.entries) == kept
 

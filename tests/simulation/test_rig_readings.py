@@ -57,7 +57,7 @@ def test_readings_are_renewed_when_something_moved_and_only_then() -> None:
     readings.renew()  # a verb may have moved something
     second = readings.objects
     assert second is not first
-    assert arm.runtime.control.stream(q, np.zeros(7))
+    assert arm.runtime.control.stream(q.tolist(), [0.0] * 7)
     readings.renew()
     assert readings.objects is second
     world.step()

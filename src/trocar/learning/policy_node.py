@@ -206,5 +206,5 @@ class PolicyNode:
         for name, T in poses.items():
             world.objects[name].set_cp(T)
         self._task.controller.drive(
-            {name: (q, np.zeros(len(q))) for name, q in self._commanded.items()}
+            {name: (q.tolist(), [0.0] * len(q)) for name, q in self._commanded.items()}
         )

@@ -420,7 +420,7 @@ def test_efforts_of_the_wrong_sign_are_named(tidy: Callable[..., Path]) -> None:
 
 def test_efforts_of_a_recording_are_means_of_the_steps_around_a_sample(tmp_path: Path) -> None:
     world, found = World("ecm", timestep_s=0.0025), []
-    world.set_state("ECM", [0.0, 0.0, 0.06, 0.1])
+    world.set_state("ECM", np.array([0.0, 0.0, 0.06, 0.1]))
     with record(world, tmp_path / "it.mcap"):
         arm = world.arm("ECM")
         for k in range(1300):

@@ -74,7 +74,6 @@ def speed(scene: str) -> list[Row]:
     one, many = _in_turn(task, batch)
     label = f"{scene}, {WORLDS} worlds on {THREADS} threads"
     bound = THREADS * one.cpu / many.physics
-    apart = 1.0 - many.physics / THREADS / many.free
     return [
         (f"{label}: environment steps of 20 ms", 1.0 / many.wall, "/s", "printed"),
         (f"{label}: over one task in the same run", one.wall / many.wall, "x", ">= 3"),
@@ -86,7 +85,6 @@ def speed(scene: str) -> list[Row]:
         ),
         (f"{label}: over one task if physics were all, cores free", bound, "x", "printed"),
         (f"{label}: outside physics, of the wall", many.outside, "", "<= 0.15"),
-        (f"{label}: outside physics by processor time, cores free", apart, "", "printed"),
         (f"{label}: simulated over SurRoL's", PERIOD_S / many.wall / SURROL, "x", ">= 1.6"),
         (f"{label}: the same, cores free", PERIOD_S / many.free / SURROL, "x", "printed"),
     ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -16,6 +17,8 @@ from trocar.geometry.se3 import translation
 from trocar.live import Command, Loop
 from trocar.live.timeline import Timeline
 from trocar.live.tip_goals import TipGoals
+from trocar.recording import open_recording, record
+from trocar.robot.follow.reproduce import repeat
 from trocar.simulation import World
 from trocar.simulation.journal import WORLD
 from trocar.viewer.desk import Folder
@@ -201,6 +204,24 @@ def test_a_branch_goes_on_from_the_moment_without_the_policy(
         assert bench.loop.ask(lambda world: world.time).result() == pytest.approx(moment.time)
         assert bench.left == ["policy"] and bench.past.looked is None
         assert all(kept.time <= moment.time for kept in bench.timeline.moments)
+
+
+def test_a_branch_closes_the_file_of_a_recorder(
+    server: LocalServer, visitor: Visitor, tmp_path: Path
+) -> None:
+    bench, file = Bench(server), tmp_path / "run.mcap"
+    with record(bench.world, file), bench.running():
+        bench.until(1.0)
+        bench.past.look(0.5)
+        bench.settled(paused=True)
+        ends = bench.now()
+        visitor.use("Moment", CONTINUE)
+        assert bench.now() < ends
+        bench.loop.post(Command(WORLD, "resume"))
+        bench.until(0.7)
+    kept = open_recording(file)
+    assert kept.start + (kept.rows - 1) * kept.timestep == pytest.approx(ends)
+    assert repeat(file).identical
 
 
 def test_time_that_flows_again_ends_the_look_back(server: LocalServer) -> None:

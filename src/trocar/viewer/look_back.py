@@ -5,12 +5,18 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
+from trocar.errors import RecordingError
 from trocar.live.inbox import Command
 from trocar.live.loop import Loop
 from trocar.live.state import LoopState
 from trocar.live.timeline import PERIOD_S, Moment, Timeline
+from trocar.recording import recorder_of
 from trocar.simulation.journal import WORLD
+
+if TYPE_CHECKING:
+    from trocar.simulation import World
 
 _log = logging.getLogger("trocar")
 
@@ -55,18 +61,20 @@ class LookBack:
         self.looked = None
 
     def branch(self) -> None:
-        """Let the world go on from the moment that is shown: paused, the policy stopped."""
+        """Let the world go on from the moment that is shown: paused, the policy stopped.
+
+        A recorder closes its file, which so has one course of time.
+        """
         moment, self.looked = self.looked, None
         if moment is None:
             return
         self._leave()
         self.continued_s = moment.time
         self.loop.post(Command(WORLD, "pause"))
+        self.loop.ask(_close_recording)
         self.loop.post(Command(WORLD, "load", {"state": moment.state}))
         _log.warning(
-            "continued from %.2f s: this is a branch; its count begins anew, and a recording has"
-            " both ways",
-            moment.time,
+            "continued from %.2f s: this is a branch, and its count begins anew", moment.time
         )
 
     def shown(self, state: LoopState) -> LoopState:
@@ -78,3 +86,15 @@ class LookBack:
             self.looked = None  # somebody let time flow, or exchanged a tool
             return state
         return replace(state, snapshot=self.looked.snapshot)
+
+
+def _close_recording(world: World) -> None:
+    recorder = recorder_of(world)
+    if recorder is None:
+        return
+    try:
+        recorder.stop()
+    except RecordingError as problem:
+        _log.error("%s", problem)
+    else:
+        _log.warning("%s is closed: it ends where a branch begins", recorder.file)

@@ -27,11 +27,13 @@ BANNER = "return document.querySelector('[data-trocar=banner]').innerText"
 BAR = "return document.querySelector('[data-trocar=bar]').innerText"
 COVERED = "return document.querySelector('#trocar-cover').className !== 'gone'"
 SEEN = "return getComputedStyle(document.querySelector(arguments[0])).visibility"
-#: Meshes of bodies and marks that are drawn one by one, and those that draw all of them.
+#: Meshes of bodies and marks that are drawn one by one, or not at all as their indices are no whole
+#: numbers, and those that draw all of them.
 CALLS = """let own = 0, joint = 0;
 __viserMutable.scene.traverseVisible((node) => {
   if (node.material?.isMeshStandardMaterial && node.layers.mask === 1) own++;
   if (node.material?.uniforms?.poses) joint++;
+  if (node.material?.uniforms?.poses && !(node.geometry.index.array instanceof Uint32Array)) own++;
 });
 return [own, joint, __viserTestpoints.rendererInfo.render.triangles > 5000]"""
 PRESS = "dispatchEvent(new KeyboardEvent('keydown', {key: '?'}))"

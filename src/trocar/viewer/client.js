@@ -153,7 +153,10 @@
 
   function joined(bodies) {
     const all = bodies.flat(), [{ geometry, constructor: Mesh }] = all;
-    const { constructor: Geometry, attributes: { position: { constructor: Attribute } } } = geometry;
+    const { constructor: Geometry, attributes: { position } } = geometry;
+    const Kind = position.constructor;  // a sphere's turns indices into floats; its base does not
+    const keeps = new Kind(new Uint32Array(1), 1).array instanceof Uint32Array;
+    const Attribute = keeps ? Kind : Object.getPrototypeOf(Kind);
     const { constructor: Material } = window.__viserMutable.backgroundMaterial;
     const sum = (count) => all.reduce((before, mesh) => before + count(mesh.geometry), 0);
     const vertices = sum((each) => each.attributes.position.count);

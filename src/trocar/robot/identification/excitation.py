@@ -29,8 +29,8 @@ HARMONICS = 5
 DECAY = 2
 #: Ratio of each joint's range and velocity limit that is used. Source: our own choice.
 USED = 0.8
-#: Least time of fading to rest at either end, and what it is prolonged by until velocities are
-#: within the limits [s]. Source: our own choice.
+#: Shortest fade to rest at either end, and the step by which it grows until velocities keep their
+#: limits [s]. Source: our own choice.
 FADE_S, LONGER_S = 1.0, 0.5
 #: Samples of a period at which a candidate is judged. Source: our own choice.
 JUDGED = 100

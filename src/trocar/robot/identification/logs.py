@@ -382,7 +382,7 @@ def _own_rows(file: str, arm: ArmDescription, name: str) -> tuple[Array, float, 
 
     An effort acts during the step that ends at its row: efforts are means of the steps before and
     after. Half a step of delay would take inertia times jerk for 9 % of a yaw's viscous friction.
-    What the steps of held set-points and of gravity compensation do between rows is averaged.
+    Held set-points and gravity compensation change within a row: what they do there is averaged.
     """
     recorded = open_recording(file)
     joints = recorded_joints(arm)

@@ -24,9 +24,10 @@ DRAWS = re.compile(r"`((?:trocar render|python tools/docs/\w+\.py)[^`]*)`")
 OTHERWISE = {
     "screenshots in a browser (tools/docs/viewer_picture.py)": (
         "cart.png", "mirror.png", "si-cart.png", "teleoperation.png", "viewer-depth.png",
-        "viewer-forces.png", "viewer-gallery.png", "viewer-gone.png", "viewer-hands.png",
-        "viewer-help.png", "viewer-outline.png", "viewer-phone.png", "viewer-reach.png",
-        "viewer-recording.png", "viewer-scene.png", "viewer-upload.png",
+        "viewer-branch.png", "viewer-forces.png", "viewer-gallery.png", "viewer-gone.png",
+        "viewer-hands.png", "viewer-help.png", "viewer-levels.png", "viewer-outline.png",
+        "viewer-people.png", "viewer-phone.png", "viewer-reach.png", "viewer-recording.png",
+        "viewer-scene.png", "viewer-upload.png",
         "your-lab-si.png", "props.png",
     ),
     "another program": ("rviz-full-cart.png",),

@@ -164,7 +164,11 @@ def test_off_is_off(server: LocalServer, visitor: Visitor, window: CameraWindow)
     run_there(server, lambda: window.show(time.perf_counter()))
     assert file_of(visitor) == before
     run_there(server, window.show_status)
-    assert ">off<" in window.line.content
+    assert ">off<" in window.line.content and "Save" not in window.line.content
+    assert not window.image.visible
+    window.choose_view(LEFT)
+    run_there(server, window.show_status)
+    assert window.image.visible and "Save" in window.line.content
 
 
 def test_another_camera_can_be_looked_through(

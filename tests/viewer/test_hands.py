@@ -25,6 +25,7 @@ from trocar.viewer.desk import Folder
 from trocar.viewer.handles import CHOSEN, NONE, TipHandles, free_objects
 from trocar.viewer.look_back import LookBack
 from trocar.viewer.overlays import LONGEST_M, M_PER_N, Overlays
+from trocar.viewer.page import Page
 from trocar.viewer.panel import read_arm
 from trocar.viewer.plots import PERIOD_S, LastMinute, QuantityPlots
 from trocar.viewer.server import LocalServer, run_there, serving
@@ -222,6 +223,23 @@ def test_a_branch_closes_the_file_of_a_recorder(
     kept = open_recording(file)
     assert kept.start + (kept.rows - 1) * kept.timestep == pytest.approx(ends)
     assert repeat(file).identical
+
+
+def test_the_message_of_a_branch_stays_until_a_reset() -> None:
+    with serving("127.0.0.1", 0, "test") as server:
+        bench = Bench(server)
+        page = Page(server, bench.world, bench.loop, past=bench.past)
+        with page.notices.listening(), bench.running():
+            bench.until(1.0)
+            bench.past.look(0.5)
+            bench.settled(paused=True)
+            for act in (bench.past.branch, lambda: bench.loop.post(Command(WORLD, "reset"))):
+                run_there(server, page.refresh)
+                act()
+                bench.now()
+                run_there(server, page.refresh)
+                texts = [notice.text for notice in page.notices.newest_first]
+                assert any("this is a branch" in text for text in texts) == (bench.now() > 0.0)
 
 
 def test_time_that_flows_again_ends_the_look_back(server: LocalServer) -> None:

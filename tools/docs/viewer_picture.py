@@ -1,10 +1,11 @@
 """Draw docs/images/cart.png, teleoperation.png and viewer-*.png: the web viewer in Chromium.
 
-python tools/docs/viewer_picture.py NAME [FILE]
+python tools/docs/viewer_picture.py NAME [FILE] [--window WIDTH,HEIGHT]
 
 NAME: cart, teleoperation, viewer-scene, viewer-gallery, viewer-gone, viewer-phone,
 viewer-recording, viewer-upload, viewer-outline, viewer-hands, viewer-depth, viewer-forces,
-viewer-reach or viewer-help.
+viewer-reach, viewer-help, viewer-levels, viewer-people or viewer-branch. With --window the whole
+page is saved as it is in another size.
 
 Needs the extra `browser` and Chromium with its driver, which draw without a display.
 """
@@ -18,9 +19,10 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable
-from contextlib import ExitStack
-from dataclasses import dataclass
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -30,6 +32,9 @@ from selenium import webdriver
 from selenium.common.exceptions import TimeoutException
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.support.wait import WebDriverWait
+
+from trocar.viewer.desk import REQUEST
+from trocar.viewer.timeline import BACK, CONTINUE
 
 IMAGES = Path(__file__).parents[2] / "docs" / "images"
 SERVE = ("--port", "0", "--camera-rate", "4")
@@ -58,6 +63,8 @@ FLAGS = (
 )
 #: Until all meshes are drawn in software, and until the arms have moved [s].
 DRAWN_S, MOVED_S = 30.0, 12.0
+#: Between two pictures side by side, and below this width a window is a phone's.
+GAP_PX, PHONE_PX = 6, 576
 
 
 @dataclass(frozen=True)
@@ -76,6 +83,9 @@ class Shot:
         gone: whether the simulator is ended before the picture
         moved_s: time from the press to the picture [s]
         until: what is waited for before, in JavaScript
+        other: what is clicked in a second browser, which opened the page later; its picture stands
+            on the right of the first one's
+        levels: of drawing, whose pictures stand side by side
         look: node of the scene in the middle of the view, and from how far [m]
         pull: a handle's node, the axis at which it is taken, and by how far [m]
     """
@@ -92,6 +102,8 @@ class Shot:
     moved_s: float = MOVED_S
     until: str = "return true"
     before: tuple[str, ...] = ()
+    other: str = ""
+    levels: tuple[str, ...] = ()
     look: tuple[str, float] | None = None
     pull: tuple[str, int, float] | None = None
 
@@ -194,6 +206,17 @@ REACH = """
   && e.innerText?.trim() === 'Timeline').pop().scrollIntoView();
 """
 
+#: Goes back by steps, begins a branch there, lets it run, and stops.
+BRANCH = """
+const press = name => [...document.querySelectorAll('button')]
+  .find(b => b.innerText === name).click();
+press('Pause');
+for (const k of Array(8).keys()) setTimeout(() => press('BACK'), 3000 + 1000 * k);
+setTimeout(() => press('CONTINUE'), 14000);
+setTimeout(() => [...document.querySelectorAll('*')].filter(e => e.children.length < 3
+  && e.innerText?.trim() === 'Timeline').pop().scrollIntoView(), 17000);
+""".replace("BACK", BACK).replace("CONTINUE", CONTINUE)
+
 #: Opens the sheet of keys.
 HELP = "document.querySelector('[data-trocar-send=\"help/\"]').click()"
 
@@ -260,6 +283,32 @@ SHOTS = {
     "viewer-depth": Shot(
         ("sim", "--rig", "pegs"), press("depth"), "1320,800", 0.9, left=False, right=False
     ),
+    "viewer-levels": Shot(
+        ("sim", "--rig", "two_psm_ecm"),
+        press("off"),
+        "1500,900",
+        0.6,
+        left=False,
+        right=False,
+        moved_s=2.0,
+        levels=("full", "no shadows", "plain"),
+        look=("/hands/tip_PSM1", 0.8),
+    ),
+    "viewer-people": Shot(
+        ("sim", "--rig", "two_psm_ecm"),
+        "",
+        "1100,700",
+        0.7,
+        other=press(REQUEST),
+        moved_s=2.0,
+    ),
+    "viewer-branch": Shot(
+        ("sim", "--rig", "pegs", "--record", "{folder}/run.mcap"),
+        BRANCH,
+        "1500,860",
+        0.8,
+        moved_s=20.0,
+    ),
     "viewer-phone": Shot(("play", "needle-pick"), press("Next seed"), "390,844", 1.0, phone=True),
 }
 
@@ -298,8 +347,45 @@ GRIP_M = 0.045
 BAR = "return document.querySelector('[data-trocar=bar]')?.innerText.length > 5"
 
 
-def screenshot(url: str, shot: Shot, end: Callable[[], object]) -> Image.Image:
-    """Return what a browser shows at an address; `end` ends the simulator."""
+def screenshot(url: str, shot: Shot, end: Callable[[], object], whole: bool) -> Image.Image:
+    """Return what a browser shows at an address.
+
+    Args:
+        url: of the page
+        shot: what is pressed and waited for
+        end: ends the simulator
+        whole: whether the panels of measurements and of commands are kept in any case
+    """
+    with browser(shot) as tab:
+        wait = open_page(tab, url, shot)
+        with ExitStack() as stack:
+            others = [stack.enter_context(browser(shot))] if shot.other else []
+            for other in others:
+                open_page(other, url, shot)
+                other.execute_script(shot.other)
+            if look := shot.look:
+                wait.until(lambda _: tab.execute_script(LOOK, *look))
+                time.sleep(2.0)
+            tab.execute_script(shot.press)
+            if shot.pull:
+                pull(tab, *shot.pull)
+            if shot.gone:
+                end()
+            wait.until(lambda _: tab.execute_script(shot.until))
+            time.sleep(shot.moved_s)
+            tab.execute_script(CLOSE)
+            seen = []
+            for level in shot.levels or ("",):
+                if level:
+                    tab.execute_script(LEVEL, level)
+                    time.sleep(DRAWN_S)
+                seen += [seen_by(one, shot, whole) for one in (tab, *others)]
+            return beside(seen)
+
+
+@contextmanager
+def browser(shot: Shot) -> Iterator[webdriver.Chrome]:
+    """Open a Chromium of the size of a picture."""
     options = webdriver.ChromeOptions()
     options.binary_location = shutil.which("chromium") or ""
     for flag in (
@@ -317,33 +403,43 @@ def screenshot(url: str, shot: Shot, end: Callable[[], object]) -> Image.Image:
             screen = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": True}
             tab.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", screen)
         tab.set_script_timeout(180.0)
-        tab.get(url)
-        wait = WebDriverWait(tab, 180.0, ignored_exceptions=[TimeoutException])
-        wait.until(lambda _: tab.execute_script(BAR))
-        if shot.level:
-            time.sleep(3.0)
-            tab.execute_script(LEVEL, shot.level)
-        time.sleep(DRAWN_S)
-        if look := shot.look:
-            wait.until(lambda _: tab.execute_script(LOOK, *look))
-            time.sleep(2.0)
-        tab.execute_script(shot.press)
-        if shot.pull:
-            pull(tab, *shot.pull)
-        if shot.gone:
-            end()
-        wait.until(lambda _: tab.execute_script(shot.until))
-        time.sleep(shot.moved_s)
-        tab.execute_script(CLOSE)
-        seen = Image.open(io.BytesIO(tab.get_screenshot_as_png())).convert("RGB")
-        if shot.left and shot.right:
-            return seen
-        left, right = tab.execute_script(PANELS)
-        return seen.crop(
-            (0 if shot.left else left, 0, seen.width if shot.right else right, seen.height)
-        )
+        yield tab
     finally:
         tab.quit()
+
+
+def open_page(tab: webdriver.Chrome, url: str, shot: Shot) -> WebDriverWait[webdriver.Chrome]:
+    """Open the page, wait until all of it is drawn, and return what waits for more."""
+    tab.get(url)
+    wait = WebDriverWait(tab, 180.0, ignored_exceptions=[TimeoutException])
+    wait.until(lambda _: tab.execute_script(BAR))
+    if shot.level:
+        time.sleep(3.0)
+        tab.execute_script(LEVEL, shot.level)
+    time.sleep(DRAWN_S)
+    return wait
+
+
+def seen_by(tab: webdriver.Chrome, shot: Shot, whole: bool) -> Image.Image:
+    """Return the page, without the panels that a picture leaves out."""
+    seen = Image.open(io.BytesIO(tab.get_screenshot_as_png())).convert("RGB")
+    if whole or (shot.left and shot.right):
+        return seen
+    left, right = tab.execute_script(PANELS)
+    return seen.crop(
+        (0 if shot.left else left, 0, seen.width if shot.right else right, seen.height)
+    )
+
+
+def beside(pictures: list[Image.Image]) -> Image.Image:
+    """Return pictures side by side, a few pixels apart."""
+    width = sum(picture.width for picture in pictures) + GAP_PX * (len(pictures) - 1)
+    all_of_them = Image.new("RGB", (width, pictures[0].height), "white")
+    left = 0
+    for picture in pictures:
+        all_of_them.paste(picture, (left, 0))
+        left += picture.width + GAP_PX
+    return all_of_them
 
 
 def pull(tab: webdriver.Chrome, node: str, axis: int, by_m: float) -> None:
@@ -359,9 +455,12 @@ def pull(tab: webdriver.Chrome, node: str, axis: int, by_m: float) -> None:
     hand.pause(1.0).release().perform()
 
 
-def main(name: str, file: Path) -> None:
-    """Serve a rig and save its page."""
+def main(name: str, file: Path, window: str = "") -> None:
+    """Serve a rig and save its page, of a window [px, px] of its own if one is given."""
     shot = SHOTS[name]
+    if window:
+        phone = int(window.split(",")[0]) < PHONE_PX
+        shot = replace(shot, window=window, scale=1.0, phone=phone)
     trocar = [sys.executable, "-u", "-m", "trocar"]
     with ExitStack() as stack:
         folder = stack.enter_context(TemporaryDirectory())
@@ -374,12 +473,16 @@ def main(name: str, file: Path) -> None:
         try:
             lines = iter(served.stdout or ())
             url = next(found[0] for line in lines if (found := re.search(r"http://\S+", line)))
-            picture = screenshot(url, shot, served.kill)
+            picture = screenshot(url, shot, served.kill, bool(window))
         finally:
             served.terminate()
     picture.quantize(256, kmeans=3).save(file, optimize=True)
 
 
 if __name__ == "__main__":
-    NAME = sys.argv[1]
-    main(NAME, Path(sys.argv[2]) if len(sys.argv) > 2 else IMAGES / f"{NAME}.png")
+    PARSER = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
+    PARSER.add_argument("name", choices=SHOTS, metavar="NAME")
+    PARSER.add_argument("file", nargs="?", type=Path, metavar="FILE")
+    PARSER.add_argument("--window", default="", metavar="WIDTH,HEIGHT")
+    ARGS = PARSER.parse_args()
+    main(ARGS.name, ARGS.file or IMAGES / f"{ARGS.name}.png", ARGS.window)

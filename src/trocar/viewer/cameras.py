@@ -44,9 +44,10 @@ BELOW = """<style>.trocar .below button { font: inherit; padding: 2px 9px;
   border-radius: 4px; border: 1px solid #1c6fa4; background: none; color: #1c6fa4;
   cursor: pointer; white-space: nowrap; }</style>
 <div class="trocar"><div class="below" style="display:flex;gap:8px;align-items:center">
-<button data-trocar="full-screen">Full screen</button>
+{buttons}<span style="opacity:.62" data-trocar="scope">{status}</span></div></div>"""
+BUTTONS = """<button data-trocar="full-screen">Full screen</button>
 <button data-trocar-send="cameras/save" title="Save the picture as PNG">Save</button>
-<span style="opacity:.62" data-trocar="scope">{status}</span></div></div>"""
+"""
 
 
 class CameraWindow:
@@ -84,7 +85,6 @@ class CameraWindow:
         self._came: deque[float] = deque(maxlen=SPAN)
         self._due = self._seen = 0.0
         self.period_s = 1.0 / RATE_HZ
-        self._status = ""
         self._overlaid = pictures.overlay is not None
         self.window = gui.add_panel()
         with self.window.add_tab("Cameras"):
@@ -105,7 +105,7 @@ class CameraWindow:
                 )
             self.image = gui.add_image(np.zeros((480, 640, 3), np.uint8), format="jpeg")
             self.legend = gui.add_html("", visible=False)
-            self.line = gui.add_html(BELOW.replace("{status}", ""))
+            self.line = gui.add_html("")
         self.window.float(x=GAP, y=-GAP, width=width)  # the arms stay in sight
         self.leave = pictures.add(self, self.beside)
 
@@ -125,9 +125,10 @@ class CameraWindow:
         else:
             self.period_s = max(self.period_s / RECOVER, 1.0 / RATE_HZ)
         status = self._pictures.failure or self._figures()
-        if status != self._status:
-            self._status = status
-            self.line.content = BELOW.replace("{status}", escape(status))
+        buttons = "" if self._view == OFF else BUTTONS
+        line = BELOW.replace("{buttons}", buttons).replace("{status}", escape(status))
+        if line != self.line.content:
+            self.line.content = line
         legend = "" if self._content == COLOUR or self._view == OFF else self._legend
         if legend != self.legend.content:
             self.legend.content = legend
@@ -160,8 +161,9 @@ class CameraWindow:
             self._view = LEFT
 
     def choose_view(self, view: str) -> None:
-        """Show another view of the camera."""
+        """Show another view of the camera, or none."""
         self._view = view
+        self.image.visible = view != OFF
         self._came.clear()
 
     def choose_content(self, content: str) -> None:

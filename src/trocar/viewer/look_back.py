@@ -77,6 +77,10 @@ class LookBack:
             "continued from %.2f s: this is a branch, and its count begins anew", moment.time
         )
 
+    def sets_back_to(self, time_s: float) -> bool:
+        """Tell whether time [s] that went back stands where a branch begins, or after it."""
+        return self.continued_s is not None and time_s >= self.continued_s
+
     def shown(self, state: LoopState) -> LoopState:
         """Return the state that the page shows."""
         if self.looked is None:

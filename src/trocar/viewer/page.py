@@ -181,7 +181,8 @@ class Page:
         """Send all changes, if the page is open; called in viser's thread every PERIOD_S."""
         state = self._loop.state
         now = state.snapshot
-        if now.time < self._time_s:
+        past = self._contents.past
+        if now.time < self._time_s and not (past and past.sets_back_to(now.time)):
             self.notices.clear()
         self._time_s = now.time
         self._contents.history.add(now)
@@ -193,8 +194,8 @@ class Page:
         self._begin_when_seen()
         self.notices.follow({name: arm.state == "ENABLED" for name, arm in now.arms.items()})
         banner = self._banner(state)
-        if self._contents.past is not None:
-            state = self._contents.past.shown(state)
+        if past is not None:
+            state = past.shown(state)
             now = state.snapshot
         with self.server.atomic():
             self._show_bodies(now)

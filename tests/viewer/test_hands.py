@@ -235,8 +235,9 @@ def test_the_message_of_a_branch_stays_until_a_reset() -> None:
             bench.settled(paused=True)
             for act in (bench.past.branch, lambda: bench.loop.post(Command(WORLD, "reset"))):
                 run_there(server, page.refresh)
+                before = bench.loop.latest.time
                 act()
-                bench.now()
+                bench.wait(lambda was=before: bench.loop.latest.time < was)
                 run_there(server, page.refresh)
                 texts = [notice.text for notice in page.notices.newest_first]
                 assert any("this is a branch" in text for text in texts) == (bench.now() > 0.0)

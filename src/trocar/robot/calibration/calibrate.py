@@ -195,7 +195,8 @@ def _calibration(
     plan: MeasurementPlan, recording: SelectedTracks, seen: Measured, refined: Refined
 ) -> Calibration:
     """Return the calibration of a refined robot, with its overlay."""
-    arm, centre, tracks, sweep = plan.arm, plan.centre, recording.tracks, recording.sweep
+    tracks, sweep = recording.tracks, recording.sweep
+    arm, centre = plan.arm, plan.centre
     closed = closed_distances(refined.robot, plan.pairs)
     wander = None if centre is None else still_point(refined.robot, centre.body)[1]
     if centre is not None and plan.closure == "general":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import closing
@@ -81,6 +82,12 @@ class Served:
         self.thread.join()
 
 
+#: Colours of what stands in the fields: their state, too, which nobody can edit.
+INKS = """
+return [...document.querySelectorAll('input, textarea')].map(e => getComputedStyle(e).color);
+"""
+
+
 def says(browser: Browser, script: str, words: str) -> Callable[[], bool]:
     return lambda: words in (browser.tab.execute_script(script) or "")
 
@@ -96,6 +103,8 @@ def test_a_page_whose_simulator_is_gone_shows_that_and_comes_back_with_the_next(
         port = served.port
     browser.wait(says(browser, BANNER, "No connection to the simulator since"), "the banner")
     assert browser.tab.execute_script(SEEN, '[data-trocar="rtf"]') == "hidden"
+    inks = browser.tab.execute_script(INKS)
+    assert len(inks) > 5 and all(re.search(r", 0(\.0*)?\)$", ink) for ink in inks)
     with closing(Served(World("psm"), port=port)):
         browser.wait(
             lambda: browser.read("rtf") is not None and not browser.tab.execute_script(BANNER),

@@ -80,6 +80,17 @@ def test_a_message_about_an_arm_stays_until_that_arm_can_move_again(clock: Clock
     assert texts(notices) == []
 
 
+def test_a_message_with_other_measured_numbers_is_the_same_one(clock: Clock) -> None:
+    notices = Notices(clock)
+    with notices.listening():
+        for arm, missed_mm in (("PSM1", 0.36), ("PSM2", 0.5), ("PSM1", 37.93)):
+            log.warning("%s: the goal is missed by %.2f mm", arm, missed_mm)
+    assert [(notice.text, notice.count) for notice in notices.newest_first] == [
+        ("PSM1: the goal is missed by 37.93 mm", 2),
+        ("PSM2: the goal is missed by 0.50 mm", 1),
+    ]
+
+
 def test_what_stands_in_a_status_line_is_no_message(clock: Clock) -> None:
     notices = Notices(clock)
     with notices.listening():

@@ -142,7 +142,7 @@ class TipGoals:
             _aim(way, goal, now_s)
         elif _same(way.pose, goal):
             missed = _apart(held, goal)
-            self._say(name, (arm.rejections.last or "out of reach") if missed else "")
+            self._say(name, (_reason(arm) or "out of reach") if missed else "")
             del self._ways[name]
             with self._lock:
                 if self._goals.get(name) is goal:
@@ -151,7 +151,7 @@ class TipGoals:
         lead = float(np.linalg.norm(held[:3, 3] - arm.measured_cp("world").matrix[:3, 3]))
         why = f"something holds the tip up, {1e3 * lead:.0f} mm behind its set-point"
         if lead < LEAD_M:
-            why = arm.rejections.last if _apart(held, way.pose) else ""
+            why = _reason(arm) if _apart(held, way.pose) else ""
             _go_on(way, now_s + PERIOD_S)
         else:
             way.velocity = np.zeros(6)
@@ -162,6 +162,11 @@ class TipGoals:
         if why != self.missed.get(name, ""):
             others = {arm: said for arm, said in self.missed.items() if arm != name}
             self.missed = {**others, name: why} if why else others
+
+
+def _reason(arm: Arm) -> str:
+    """The reason of the last miss, without the verb: a person dragged a handle."""
+    return arm.rejections.last.removeprefix("servo_cp: ")
 
 
 def _aim(way: _Way, goal: Array, now_s: float) -> None:

@@ -30,10 +30,10 @@
       background: #c92a2a; color: white; padding: 8px 16px; text-align: center;
       font: 600 15px/1.4 system-ui, sans-serif; }
     @media (max-width: 576px) { div[style*="width: 20em"] { width: 100% !important; } }
-    .trocar-dead .trocar :is(b, td + td), .trocar-dead #trocar-bar { visibility: hidden; }
+    .trocar-dead .trocar :is(b, td + td, .who), .trocar-dead #trocar-bar { visibility: hidden; }
     .trocar-dead [data-trocar="scope"] { visibility: hidden; }
     .trocar-dead :is(canvas, img) { filter: grayscale(1) opacity(.55); }
-    .trocar-dead :is(input, textarea) { color: transparent; }
+    .trocar-dead :is(input, textarea) { color: transparent !important; }
     .trocar-dead input, .trocar-dead button:not(#trocar-bar button) { pointer-events: none; }
     </style><div id="trocar-cover" role="status">trocar: connecting to the simulator ...</div>
     <div id="trocar-bar" data-trocar="bar"><span></span><button type="button"

@@ -186,8 +186,9 @@ class TipHandles:
             _set_visible(label, bool(why))
             if why:
                 ball.position = label.position = np.array(node.position)
-                if label.text != why:
-                    label.text = why
+                lines = why.replace("; ", "\n")
+                if label.text != lines:
+                    label.text = lines
                 reasons.append(f"{arm}: {why}")
         self._show_objects(state)
         self._undo.show((UNDO,), disabled=not self._before or bool(self._desk.seat))

@@ -19,6 +19,9 @@ LASTS_S = 20.0
 #: The end of a message of which several were held back, see `trocar.simulation.rate_limit`.
 MORE = re.compile(r" \((\d+) more such since\)$")
 
+#: Measured numbers, which may differ where a message comes again.
+MEASURED = re.compile(r"\d+\.\d+")
+
 IN_STATUS = {"in_status": True}
 """`extra` of a log record that the page shows in a status line, and not among the messages."""
 
@@ -41,8 +44,9 @@ class Notice:
 class Notices(logging.Handler):
     """Keep the warnings of the simulation for the page, from any thread.
 
-    A message that comes again is counted. It leaves `LASTS_S` after it came last; one that names an
-    arm that cannot move stays until that arm can.
+    A message that comes again, also with other decimal numbers, is counted, and the newest is
+    shown. It leaves `LASTS_S` after it came last; one that names an arm that cannot move stays
+    until that arm can.
 
     Args:
         now: seconds since the epoch
@@ -71,9 +75,10 @@ class Notices(logging.Handler):
         text = record.getMessage()
         more = MORE.search(text)
         text = MORE.sub("", text)
-        before = self._kept.pop(text, None)
+        kind = MEASURED.sub("", text)
+        before = self._kept.pop(kind, None)
         count = 1 + (before.count if before else 0) + (int(more[1]) if more else 0)
-        self._kept[text] = Notice(text, count, self._now())
+        self._kept[kind] = Notice(text, count, self._now())
 
     def follow(self, ready: Mapping[str, bool]) -> None:
         """Let go of what no longer applies.
@@ -85,10 +90,10 @@ class Notices(logging.Handler):
         again, self._idle = self._idle - idle, idle
         now = self._now()
         with self._held():
-            for notice in tuple(self._kept.values()):
+            for kind, notice in tuple(self._kept.items()):
                 over = now - notice.at_s > LASTS_S and not _names(notice.text, idle)
                 if over or _names(notice.text, again):
-                    del self._kept[notice.text]
+                    del self._kept[kind]
 
     def clear(self) -> None:
         """Let go of all, as after a reset."""

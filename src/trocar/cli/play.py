@@ -348,17 +348,17 @@ def _report(found: list[Episode]) -> str:
         [
             str(one.seed),
             "yes" if one.success else "no",
-            one.reason,
             fixed(one.time_s, 2),
             fixed(one.score, 1),
             f"{one.met}/{one.goals}",
             str(one.drops),
             fixed(1e3 * sum(one.distance_m.values()), 0),
             fixed(max(one.force_n.values()), 2),
+            one.reason,  # last, as it may be long
         ]
         for one in found
     ]
-    head = ["seed", "success", "end", "time [s]", "score", "goals", "drops", "path [mm]"]
+    head = ["seed", "success", "time [s]", "score", "goals", "drops", "path [mm]", "force [N]"]
     successes = sum(one.success for one in found)
     ended = sum(one.reason != "running" for one in found)
     stopped = "" if ended == len(found) else f", {len(found) - ended} stopped before its end"
@@ -369,6 +369,6 @@ def _report(found: list[Episode]) -> str:
     return (
         f"{found[0].scene}: {successes} of {ended} successful{stopped}, grasp: {found[0].grasp},"
         f" dynamics: {found[0].dynamics}\n\n"
-        + table([*head, "force [N]"], rows)
+        + table([*head, "end"], rows)
         + (f"\n\n{table(['seed', *found[0].figures], measured)}" if found[0].figures else "")
     )

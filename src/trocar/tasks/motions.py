@@ -47,11 +47,12 @@ class Hand:
     Attributes:
         task, arm: as given
         jaw: opening that motions keep [rad]
+        turned: of the grip about the world's z against what was planned, after a miss [rad]
         reach: distance of held objects beyond the tip, the fingers' pivot [m]
     """
 
     def __init__(self, task: Task, arm: str) -> None:
-        self.task, self.arm = task, arm
+        self.task, self.arm, self.turned = task, arm, 0.0
         self.jaw = float(task.controller.idle()[arm][-1])
         described = task.world.arms[arm].description
         faces = pads(described)

@@ -133,6 +133,8 @@ class HandOver(Task):
     GIVE, TAKE, RADIUS_M, RAISED_M = np.pi, 0.0, 0.0, 0.001
     WAY_M, RELEASE_M, OPENING, LEVEL = 0.025, 0.002, 0.6, False
     MEETING_M = np.array([0.0, 0.0, 0.035])
+    #: Turns of the grip of a ring in the tries of a take: beside one side of it a peg may stand.
+    TURNS = 0.0, np.pi / 3.0, -np.pi / 3.0
     #: Distance by which the giving arm goes aside. Source: our own choice. [m]
     ASIDE_M = 0.03
 
@@ -162,10 +164,11 @@ class HandOver(Task):
 
     def _give(self, hand: Hand, goal: Goal, left: bool) -> Motion:
         """Lift an object and bring it to the place at which it is handed over."""
-        name = goal.object
+        name, turns = goal.object, iter(self.TURNS)
 
         def grip() -> tuple[Array, float]:
-            point, angle = self.grasp(name, left)
+            hand.turned = next(turns)
+            point, angle = self.grasp(name, left, hand.turned)
             return point + self.RAISED_M * UP, angle
 
         yield from hand.take(name, grip, self.WAY_M, self.OPENING, self.LEVEL)
@@ -173,7 +176,7 @@ class HandOver(Task):
 
     def hand_over(self, giver: Hand, taker: Hand, name: str, left: bool) -> Iterator[Array]:
         """Let an arm take an object from another, which then goes upwards and aside."""
-        yield from self._pass(giver, taker, *self.grasp(name, not left))
+        yield from self._pass(giver, taker, *self.grasp(name, not left, giver.turned))
         way = np.array([-self.ASIDE_M if left else self.ASIDE_M, 0.0, 0.0])
         yield from together(self, **{giver.arm: giver.shift(way)})
 
@@ -191,10 +194,16 @@ class HandOver(Task):
         yield from together(self, **{taker.arm: take()})
         yield from together(self, **{giver.arm: give()})
 
-    def grasp(self, name: str, left: bool) -> tuple[Array, float]:
-        """Return the point of an arm's grip, and the direction along which its fingers close."""
+    def grasp(self, name: str, left: bool, turned: float = 0.0) -> tuple[Array, float]:
+        """Return the point of an arm's grip, and the direction along which its fingers close.
+
+        Args:
+            name: of the object
+            left: whether the left arm holds it
+            turned: of the grip of a ring about z [rad]
+        """
         angle = self.GIVE if left else self.TAKE
-        return self._arc(name, angle) if self.RADIUS_M else rim(self, name, angle)
+        return self._arc(name, angle) if self.RADIUS_M else rim(self, name, angle + turned)
 
     def _arc(self, name: str, angle: float) -> tuple[Array, float]:
         """Return a place on an object's circle, at an angle about its z axis, and the way there."""

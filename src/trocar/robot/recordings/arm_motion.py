@@ -32,6 +32,9 @@ VELOCITY_RATIOS = (0.6, 1.6)
 #: Least correlation of velocities with differences from which a rate is told. Source: our own
 #: choice.
 ALIKE = 0.8
+#: Least motion of a joint over its range whose velocities confirm a rate: at rest they are noise.
+#: Source: our own choice, as in identification.
+MOVED = 1e-3
 #: A jump between rows ends a piece: over the velocity limit, and over the joint's range. Source:
 #: our own choice; a lost row is a jump of twice the usual step.
 JUMP_SPEEDS, JUMP_RANGE = 20.0, 0.02
@@ -314,8 +317,9 @@ def _with_rate_checked(motion: ArmMotion, arm: ArmDescription, given: bool) -> A
     moved = np.concatenate([np.gradient(piece.rows[:, 0], piece.times, axis=0)
                             for piece in motion.pieces()])  # fmt: skip
     ratios: list[float] = []
+    span = arm.mechanism.upper - arm.mechanism.lower
     for k, joint in enumerate(motion.joints):
-        if joint not in motion.recorded[1]:
+        if joint not in motion.recorded[1] or np.ptp(motion.rows[:, 0, k]) < MOVED * span[k]:
             continue
         along, told = moved[:, k], motion.rows[:, 1, k]
         size = float(np.linalg.norm(along) * np.linalg.norm(told))

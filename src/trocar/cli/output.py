@@ -62,10 +62,11 @@ def short(value: float | None) -> str:
 
 def leaning(up: Iterable[float]) -> str:
     """Return the direction of gravity in an arm's base, "" where the arm stands upright."""
-    down = [0.0 - value for value in up]
+    down = [-value for value in up]
     if down[2] < -1.0 + 1e-9:
         return ""
-    return f", gravity along ({', '.join(f'{value:.3f}' for value in down)}) of its base"
+    shown = ", ".join(f"{round(value, 3) + 0.0:.3f}" for value in down)  # no -0.000
+    return f", gravity along ({shown}) of its base"
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], indent: str = "  ") -> str:

@@ -160,7 +160,7 @@ new = dvrk.psm(ral, "PSM2")
 ral.check_connections()
 assert old.setpoint_jp().shape == (6,)
 assert old.jaw.measured_jp().shape == (1,)
-assert old.setpoint_cp().p[2] < 0.0
+assert old.setpoint_cp().p.Norm() > 0.0
 assert old.move_joint_one(0.15, 2)
 position, time = new.setpoint_jp()
 assert len(position) == 6 and time > 0.0

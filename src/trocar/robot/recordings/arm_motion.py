@@ -38,6 +38,9 @@ MOVED = 1e-3
 #: A jump between rows ends a piece: over the velocity limit, and over the joint's range. Source:
 #: our own choice; a lost row is a jump of twice the usual step.
 JUMP_SPEEDS, JUMP_RANGE = 20.0, 0.02
+#: Farthest that a sample comes after later ones, and is put back [usual steps]. Source: our own
+#: choice; a clock that was set goes back farther.
+LATE_STEPS = 5.0
 #: Largest relative difference of steps in time that counts as even. Source: our own choice.
 EVEN_STEPS = 0.01
 
@@ -222,6 +225,11 @@ def _cut(motion: ArmMotion, arm: ArmDescription) -> ArmMotion:
     """Cut a motion at pauses, at times that go back, and at jumps of the joints."""
     times, rows, numbers = motion.times, motion.rows, motion.numbers
     notes = list(motion.notes)
+    order = _in_time(times)
+    late = int((np.diff(order) < 0).sum())
+    if late:
+        times, rows, numbers = times[order], rows[order], numbers[order]
+        notes.append(f"{late} samples that came late put in their order")
     steps = np.diff(times)
     again = np.flatnonzero(steps == 0.0) + 1
     if len(again):
@@ -274,6 +282,14 @@ def _cut(motion: ArmMotion, arm: ArmDescription) -> ArmMotion:
     return replace(
         motion, times=times, rows=rows, numbers=numbers, starts=tuple(starts), notes=tuple(notes)
     )
+
+
+def _in_time(times: Array) -> NDArray[np.int64]:
+    """Return the order of samples (k,) in which those that come a few steps late are in place."""
+    steps = np.diff(times)
+    usual = float(np.median(np.abs(steps)))
+    stretch = np.concatenate([[0], np.cumsum(steps < -LATE_STEPS * usual)])
+    return np.lexsort((times, stretch)).astype(np.int64)
 
 
 def _jumps(rows: Array, steps: Array, arm: ArmDescription) -> NDArray[np.bool_]:

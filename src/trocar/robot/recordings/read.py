@@ -192,7 +192,7 @@ def read_tip_positions(
     if not all(part in one.tip for part in "xyz"):
         return None
     times, _ = _times(table, layout, how)
-    p = np.stack([_values(table, one.tip[part], how, "m") for part in "xyz"], axis=1)
+    p = _places(table, how, one)
     known = np.isfinite(p).all(axis=1) & np.isfinite(times)
     return one.label, times[known], p[known]
 
@@ -337,8 +337,12 @@ def _motion_of(
     return checked_motion(motion, arm, given)
 
 
-def _tips(table: NumberTable, how: ReadSettings, places: ArmPlaces) -> Array:
-    """Return the poses of the tip, (k, 4, 4); NaN in rows without one."""
+def _places(table: NumberTable, how: ReadSettings, places: ArmPlaces) -> Array:
+    """Return the positions of the tip, (k, 3) [m].
+
+    Raises:
+        LogError: too far away for an arm
+    """
     p = np.stack([_values(table, places.tip[part], how, "m") for part in "xyz"], axis=1)
     if np.nanmedian(np.abs(p)) > FARTHEST_M:
         raise LogError(
@@ -346,6 +350,12 @@ def _tips(table: NumberTable, how: ReadSettings, places: ArmPlaces) -> Array:
             f"the tip is {np.nanmedian(np.abs(p)):.3g} m away; allowed: {FARTHEST_M:g} m (another"
             " unit: --units rad/mm)",
         )
+    return p
+
+
+def _tips(table: NumberTable, how: ReadSettings, places: ArmPlaces) -> Array:
+    """Return the poses of the tip, (k, 4, 4); NaN in rows without one."""
+    p = _places(table, how, places)
     parts = ("qw", "qx", "qy", "qz") if "qw" in places.tip else tuple(f"r{k}" for k in range(9))
     if AXES[-1] in places.tip:
         axes = np.stack([_values(table, places.tip[part], how, "") for part in AXES], axis=1)

@@ -224,7 +224,10 @@ def test_topics_and_jaws_can_be_named(tmp_path: Path) -> None:
     for k in range(20):
         told += [(0.005 * k, "/left/state", q), (0.005 * k, "/left/grip", [0.6])]
     path = write(tmp_path / "a.bag", "ros1", told)
-    with pytest.raises(InputError, match="has no /PSM1/measured_js; its joint states: /left/grip"):
+    with pytest.raises(
+        InputError,
+        match=r"has no /PSM1/measured_js; its joint states: /left/grip, .*--topic ARM=TOPIC",
+    ):
         follow(path, "psm")
     loop = Loop(World("psm"), speed="max", tick_s=SERVER_TICK_S)
     source = BagSource(open_bag(path))

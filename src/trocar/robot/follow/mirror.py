@@ -500,5 +500,6 @@ def _nothing(
     found = ", ".join(f"/{topic}" for topic in (states or sorted(topics))) or "none"
     kind = "joint states" if states or not topics else "topics, none of them joint states"
     posed = not states and any(kind in POSES for kind in topics.values())
-    hint = " (`trocar replay` reads poses of the tip)" if posed else ""
+    hint = " (--topic ARM=TOPIC)" if states else ""
+    hint = " (`trocar replay` reads poses of the tip)" if posed else hint
     return f"{where}: has no {wanted}; its {kind}: {found}{hint}"

@@ -261,8 +261,11 @@ def _topic(
             newest = [n for n, rank in zip(names, ranks, strict=True) if rank == min(ranks)]
             if len(newest) == 1:
                 return newest[0]
+    labels = ", ".join(dict.fromkeys(map(arm_of, fitting)))
+    choice = f"--of ({labels}) or --topic" if labels else "--topic"
+    listed = ", ".join(f"/{name}" for name in fitting) or known
     raise LogError(
-        bag.file, f"{len(fitting)} topics fit a {arm.type}; select one with --topic: {known}"
+        bag.file, f"{len(fitting)} topics fit a {arm.type}; select one with {choice}: {listed}"
     )  # fmt: skip
 
 

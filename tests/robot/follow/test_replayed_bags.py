@@ -142,7 +142,7 @@ TWO = told((0.0, GOOD), (0.1, GOOD)) + told((0.0, GOOD), (0.1, GOOD), arm="PSM2"
         (
             TWO,
             (),
-            r"2 topics fit a PSM; select one with --of \(PSM1, PSM2\) or --topic: /PSM1/measured_js",
+            r"2 topics fit a PSM; select one with --of \(PSM1, PSM2\) or --topic: /PSM1/measured",
         ),
     ],
 )

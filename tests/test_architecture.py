@@ -87,7 +87,7 @@ HOMES = {
     "moderngl": ("rendering",),
     "mcap": ("recording",),
     "zstandard": ("recording",),
-    "rosbags": ("recording/bags", "ros/transports/ros2", "robot/samples"),
+    "rosbags": ("recording/bags", "recording/rosbag1", "ros/transports/ros2", "robot/samples"),
     "apsw": ("recording/bags",),
     "matplotlib": ("plotting", "robot", "tasks"),
     "clarabel": ("robot/identification",),

@@ -16,7 +16,7 @@ from trocar.cli import replay
 from trocar.errors import LogError
 
 KEYS = [
-    "log", "arm", "mode", "understood", "rate_hz", "pieces", "samples", "clipped",
+    "log", "arm", "mode", "understood", "up", "rate_hz", "pieces", "samples", "clipped",
     "tracking_rms", "effort_rms", "effort_relative_rms",
 ]  # fmt: skip
 JOINTS = ["yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw", "jaw"]
@@ -63,11 +63,17 @@ def test_the_table_has_a_line_per_joint_with_units(
     assert run(log, "--mode", "effort", "--window", "0.1") == 0
     printed = capsys.readouterr()
     head, _, _, *lines = printed.out.splitlines()
-    assert "60 samples (0.30 s), 0 clipped" in head
+    assert "60 samples (0.30 s), 0 clipped" in head and "gravity" not in head
     assert [line.split()[0] for line in lines] == JOINTS
     assert " mrad" in lines[0] and " N m" in lines[0]
     assert " mm" in lines[2] and " N " in lines[2]
     assert printed.err == "psm: 7 joints at 200.0 Hz\n"  # no progress bar without a terminal
+
+
+def test_the_table_says_how_the_arm_leans(log: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(log, "--base-rpy=90,0,0") == 0
+    head = capsys.readouterr().out.splitlines()[0]
+    assert head.endswith("joint limit, gravity along (0.000, -1.000, 0.000) of its base")
 
 
 def test_a_terminal_sees_how_far_it_is(log: str, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -140,6 +140,34 @@ assert dvrk.console().teleop_get_scale() >= 0.0
     assert play(tmp_path, text, "full_cart_mtm").status == 0
 
 
+def test_setup_joints_of_one_arm_are_made_by_its_name(tmp_path: Path) -> None:
+    text = """
+import dvrk
+assert len(dvrk.suj("PSM1").measured_jp()) == 6
+assert len(dvrk.suj("ECM").measured_js()[0]) == 4
+assert dvrk.suj("PSM2").measured_cp().p[2] < 1.0
+assert dvrk.suj("PSM3").local.measured_cp().p[2] > 0.0
+"""
+    assert play(tmp_path, text, "full_cart").status == 0
+
+
+def test_an_arm_with_an_expected_interval_has_readings_without_times(tmp_path: Path) -> None:
+    text = """
+import crtk, dvrk
+ral = crtk.ral("both")
+old = dvrk.psm(ral=ral, arm_name="PSM1", expected_interval=0.01)
+new = dvrk.psm(ral, "PSM2")
+ral.check_connections()
+assert old.setpoint_jp().shape == (6,)
+assert old.jaw.measured_jp().shape == (1,)
+assert old.setpoint_cp().p.Norm() > 0.0
+assert old.move_joint_one(0.15, 2)
+position, time = new.setpoint_jp()
+assert len(position) == 6 and time > 0.0
+"""
+    assert play(tmp_path, text, "two_psm_ecm").status == 0
+
+
 def test_an_arm_of_2_4_has_no_older_calls(tmp_path: Path) -> None:
     names = sorted({*CALLS, *READINGS, *END_READINGS})
     text = f"assert not [name for name in {names} if hasattr(p, name)]"

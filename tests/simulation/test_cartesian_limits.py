@@ -277,6 +277,21 @@ def test_one_warning_says_by_how_much_a_goal_is_missed(arm):
     )
 
 
+def test_the_warning_says_that_the_wrist_stays_off_the_remote_centre(arm):
+    here = arm.setpoint_cp().matrix
+    arm.move_cp(shifted(here, 0.0, 0.0, 0.07))
+    assert arm.rejections.last.endswith("; the wrist stays 45 mm past the remote centre")
+
+
+def test_the_warning_says_that_the_insertion_of_an_endoscope_stays():
+    world = World("ecm")
+    world.set_state("ECM", [0.0, 0.0, 0.05, 0.0])
+    arm = world.arm("ECM")
+    here = arm.setpoint_cp().matrix
+    arm.move_cp(transform(here[:3, :3], here[:3, 3] - 0.02 * here[:3, 2]))
+    assert arm.rejections.last.endswith("; the insertion stays at 40 mm")
+
+
 def test_strict_limits_reject_a_pose_beyond_a_limit(arm, events):
     arm.joints.use_strict_limits(True)
     here = arm.setpoint_cp().matrix

@@ -60,6 +60,15 @@ def short(value: float | None) -> str:
     return "0" if abs(value) < 1e-12 else f"{value:.7g}"
 
 
+def leaning(up: Iterable[float]) -> str:
+    """Return the direction of gravity in an arm's base, "" where the arm stands upright."""
+    down = [-value for value in up]
+    if down[2] < -1.0 + 1e-9:
+        return ""
+    shown = ", ".join(f"{round(value, 3) + 0.0:.3f}" for value in down)  # no -0.000
+    return f", gravity along ({shown}) of its base"
+
+
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], indent: str = "  ") -> str:
     """Lay out rows under a head; right-align columns of numbers.
 

@@ -20,7 +20,7 @@ from trocar.cli.identify import (
     weight,
     weights,
 )
-from trocar.cli.output import print_result, progress_steps, table
+from trocar.cli.output import leaning, print_result, progress_steps, table
 
 if TYPE_CHECKING:
     from trocar.robot.identification import Prediction
@@ -103,7 +103,7 @@ def _text(found: Prediction) -> str:
     ]
     return (
         f"{found.arm.name} along {found.log.log.file}, dynamics {found.dynamics}:"
-        f" {len(found.effort)} {_kind(found)}{_leaning(found)}\n\n"
+        f" {len(found.effort)} {_kind(found)}{leaning(found.log.log.up.tolist())}\n\n"
         f"{table(['column', 'error [%]', 'RMS [N m or N]'], rows)}"
     )
 
@@ -115,11 +115,3 @@ def _kind(found: Prediction) -> str:
         if log.log.poses
         else f"samples at {log.log.rate_hz:.4g} Hz, cut-off {log.settings.cutoff_hz:.4g} Hz"
     )
-
-
-def _leaning(found: Prediction) -> str:
-    """Return the direction of gravity in the arm's base where the arm does not stand upright."""
-    down = [-value for value in found.log.log.up.tolist()]
-    if down[2] < -1.0 + 1e-9:
-        return ""
-    return f", gravity along ({', '.join(f'{value + 0.0:.3f}' for value in down)}) of its base"

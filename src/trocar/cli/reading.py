@@ -32,12 +32,13 @@ def add_reading(parser: Arguments) -> None:
         --units ANGLE/LENGTH         units of columns that do not name theirs, e.g. deg/mm (default:
                                      rad/m)
         --base X,Y,Z,QW,QX,QY,QZ     the arm's base in the frame of the tip's poses [m], where a
-                                     table has no joints, or "centred": anywhere from where the
+                                     recording has no joints, or "centred": anywhere from where the
                                      mean pose is home (default: the poses are in the base)
         --episode N:int              episode of a dataset of LeRobot's
         --wrist motor|joint = motor  rows without header: side of the coupling on which a PSM's
                                      wrist and jaw, or an MTM's joints 2 to 4, were recorded
-        --topic [ARM=]TOPIC          bag: topic of joint states (default: by its name)
+        --topic [ARM=]TOPIC          bag: topic of joint states or of poses of the tip (default: by
+                                     its name)
         --jaw [ARM=]TOPIC            bag: topic of the jaw (default: that beside the arm's)
     """)  # fmt: skip
 
@@ -68,7 +69,9 @@ def allow_reading(args: Namespace, kinds: set[str]) -> None:
     if "bag" not in kinds:
         allow(args, "with a bag", "topic", "jaw")
     if not kinds & {"rows", "table"}:
-        allow(args, "with a table", "columns", "units", "base", "episode")
+        allow(args, "with a table", "columns", "units", "episode")
+    if not kinds & {"rows", "table", "bag"}:
+        allow(args, "with a table or a bag", "base")
     if "rows" not in kinds:
         allow(args, "with rows without a header", "wrist")
 

@@ -22,7 +22,7 @@ from trocar.cli.arguments import (
     options,
 )
 from trocar.cli.identify import add_base_rpy
-from trocar.cli.output import print_result, progress_bar, table
+from trocar.cli.output import leaning, print_result, progress_bar, table
 from trocar.cli.reading import add_reading, allow_reading, read_settings
 
 if TYPE_CHECKING:
@@ -150,7 +150,7 @@ def _tables(report: ReplayReport) -> str:
     return (
         f"{report.arm} along {report.log}, mode {report.mode}: {report.samples} samples"
         f" ({report.samples / report.rate_hz:.2f} s{_pieces(report)}), {report.clipped} clipped to"
-        " a joint limit\n\n"
+        f" a joint limit{leaning(report.up)}\n\n"
         f"{table(head, rows)}"
     )
 

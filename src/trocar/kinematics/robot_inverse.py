@@ -123,6 +123,21 @@ def robot_solution(
     return q, exact
 
 
+def kept_depth(mechanism: Mechanism, structure: str, q: Array) -> float:
+    """Return the depth at which `robot_solution` keeps joints that miss a pose, 0 elsewhere [m].
+
+    Args:
+        mechanism, structure: as for `robot_solution`
+        q: its result, (n,) [rad or m]
+    """
+    if structure == "rcm_arm":
+        depth = abs(q[INSERTION] + fit_chain(mechanism, structure).chain.depth)
+        return SAFE_DEPTH_M if depth < SAFE_DEPTH_M + EXACT else 0.0
+    if structure == "rcm_scope" and q[INSERTION] == SCOPE_INSERTION_M:
+        return SCOPE_INSERTION_M
+    return 0.0
+
+
 def _turns(way: float) -> float:
     """Return the whole turns nearest to a way; half a turn, rounded, is made a whole one."""
     return copysign(2.0 * pi * floor(abs(way) / (2.0 * pi) + 0.5 + HALF_TURN), way)

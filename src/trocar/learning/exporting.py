@@ -236,10 +236,10 @@ class _Streams:
         times: dict[str, list[float]] = {}
         values: dict[str, list[Array]] = {}
         self._frames: dict[str, str] = {}
-        for topic, time, frame, pose in bag.poses(topics) if topics else ():
-            times.setdefault(topic, []).append(time)
-            values.setdefault(topic, []).append(pose)
-            self._frames[topic] = frame
+        for one in bag.poses(topics) if topics else ():
+            times.setdefault(one.topic, []).append(one.time)
+            values.setdefault(one.topic, []).append(one.pose)
+            self._frames[one.topic] = one.frame
         self._poses = {name: (np.array(times[name]), np.array(values[name])) for name in values}
 
     def _features(self) -> dict[str, Feature]:

@@ -5,6 +5,7 @@ Joint states are written as MCAP.
 
 from __future__ import annotations
 
+import logging
 import re
 import struct
 from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping
@@ -23,9 +24,13 @@ from trocar.messages import MessageType, cdr_encode, message_type
 from trocar.outputs import whole_file
 from trocar.recording import mcap_messages, mcap_topics
 from trocar.recording.mcap_file import JOINT_STATE, NANOSECONDS, mcap_library
+from trocar.recording.rosbag1 import rosbag1_messages, rosbag1_reader
+
+_log = logging.getLogger("trocar")
 
 FORMATS = "rosbag 1 (.bag), rosbag 2, MCAP"
-POSES = ("geometry_msgs/msg/PoseStamped",)
+#: Types of poses. Source: `measured_cp` of dVRK 2.1 and newer, of 2.0, and of 1.2 and before.
+POSES = tuple(f"geometry_msgs/msg/{kind}" for kind in ("PoseStamped", "TransformStamped", "Pose"))
 IMAGES = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 #: Channels of image encodings, as (red, green, blue).
 ENCODINGS = {"rgb8": (0, 1, 2), "bgr8": (2, 1, 0), "rgba8": (0, 1, 2), "bgra8": (2, 1, 0)}
@@ -47,15 +52,21 @@ class JointMessage(NamedTuple):
 
 
 class PoseMessage(NamedTuple):
-    """A pose: topic without a leading slash, time of logging [s], frame, and (7,).
+    """A pose.
 
-    The seven numbers are the position [m] and the quaternion wxyz.
+    Attributes:
+        topic: without a leading slash
+        time: of logging [s]
+        frame: of the header, "" without one
+        pose: position [m] and quaternion wxyz, (7,)
+        stamp: of the header; `time` where it is 0 or absent [s]
     """
 
     topic: str
     time: float
     frame: str
     pose: NDArray[np.float64]
+    stamp: float
 
 
 class JointSamples(NamedTuple):
@@ -113,8 +124,8 @@ def is_bag(path: str | Path) -> bool:
 def open_bag(path: str | Path) -> Bag:
     """Open a rosbag 1 file, a rosbag 2 (its folder, or one of its files), or an MCAP file.
 
-    MCAP files without an end are read up to where they break off. The types of joint states and
-    images are those of ROS, whatever definitions the bag contains.
+    MCAP and rosbag 1 files whose recorder was killed are read up to where they break off. The types
+    of joint states and images are those of ROS, whatever definitions the bag contains.
 
     Raises:
         LogError: none of these, or damaged
@@ -133,6 +144,8 @@ def open_bag(path: str | Path) -> Bag:
             else:
                 with _reader(one) as reader:
                     found |= {c.topic: c.msgtype for c in reader.connections}
+                    if getattr(reader, "broken", False):
+                        _log.warning("%s: was not closed; read up to where it breaks off", file)
     topics = {topic.lstrip("/"): _type(kind) for topic, kind in found.items()}
 
     def every(wanted: Collection[str]) -> Iterator[Packed]:
@@ -155,7 +168,7 @@ def open_bag(path: str | Path) -> Bag:
     def poses(wanted: Collection[str]) -> Iterator[PoseMessage]:
         with _rosbags(file):
             for topic, logged, message in _decoded(packed(wanted, POSES)):
-                yield PoseMessage(topic, logged, message.header.frame_id, _pose(message.pose))
+                yield _pose(topic, logged, message)
 
     def images(wanted: Collection[str]) -> Iterator[ImageMessage]:
         with _rosbags(file):
@@ -311,41 +324,17 @@ def _rosbag_raw(path: Path, topics: Collection[str]) -> Iterator[Packed]:
     with _reader(path) as reader:
         chosen = {c.id: c for c in reader.connections if c.topic.lstrip("/") in topics}
         if _kind(path) == "rosbag1":
-            yield from _rosbag1_raw(reader, chosen)
+            yield from rosbag1_messages(reader, chosen)
         elif chosen:
             for connection, time, data in reader.messages(list(chosen.values())):
                 yield connection.topic, _type(connection.msgtype), time, data
 
 
-def _rosbag1_raw(reader: Any, chosen: Mapping[int, Any]) -> Iterator[Packed]:
-    """Read a rosbag 1 chunk by chunk, in the order of the file."""
-    from rosbags.rosbag1.reader import Header, RecordType, read_bytes, read_uint32
-
-    for position in sorted(reader.chunks):
-        chunk = reader.chunks[position]
-        reader.bio.seek(chunk.datapos)
-        plain = BytesIO(chunk.decompressor(read_bytes(reader.bio, chunk.datasize)))
-        end = len(plain.getbuffer())
-        while plain.tell() < end:
-            head = Header.read(plain)
-            data = read_bytes(plain, read_uint32(plain))
-            if head.get_uint8("op") == RecordType.MSGDATA and head.get_uint32("conn") in chosen:
-                found = chosen[head.get_uint32("conn")]
-                kind = found.msgtype.replace("/msg/", "/")
-                yield found.topic, kind, head.get_time("time"), data
-
-
 def _reader(path: Path) -> Any:
     """Return rosbags' reader; its AnyReader goes by suffixes, and parses types of all topics."""
-    from rosbags import rosbag1, rosbag2
+    from rosbags import rosbag2
 
-    class Reader1(rosbag1.Reader):
-        """Reads no index of messages: it grows with the recording."""
-
-        def read_index_data(self, pos: int, indexes: Any) -> None:
-            """Do nothing."""
-
-    return Reader1(path) if _kind(path) == "rosbag1" else rosbag2.Reader(path)
+    return rosbag1_reader(path) if _kind(path) == "rosbag1" else rosbag2.Reader(path)
 
 
 def _decoded(packed: Iterable[Packed]) -> Iterator[tuple[str, float, Any]]:
@@ -377,9 +366,18 @@ def _joints(packed: Iterable[Packed]) -> Iterator[JointMessage]:
         yield JointMessage(topic, logged, fields)
 
 
-def _pose(pose: Any) -> NDArray[np.float64]:
-    at, q = pose.position, pose.orientation
-    return np.array([at.x, at.y, at.z, q.w, q.x, q.y, q.z])
+def _pose(topic: str, logged: float, message: Any) -> PoseMessage:
+    frame, stamp = "", logged
+    if hasattr(message, "header"):
+        frame, stamp = message.header.frame_id, _stamp(message, logged)
+    pose = message.pose if hasattr(message, "pose") else message
+    if hasattr(message, "transform"):
+        at, q = message.transform.translation, message.transform.rotation
+    else:
+        at, q = pose.position, pose.orientation
+    return PoseMessage(
+        topic, logged, frame, np.array([at.x, at.y, at.z, q.w, q.x, q.y, q.z]), stamp
+    )
 
 
 def _image(message: Any, topic: str, file: str) -> NDArray[np.uint8]:
@@ -413,6 +411,4 @@ def _rosbags(file: str) -> Generator[None]:
     except LogError:
         raise
     except (*own, *foreign) as error:
-        if "not indexed" in str(error):
-            raise LogError(file, "was not closed properly; run `rosbag reindex`") from error
         raise LogError(file, f"cannot be read as a bag: {error}") from error

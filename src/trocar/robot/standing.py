@@ -66,7 +66,7 @@ def standing_arm(
     names = [one.name for one in found.arms if one.arm.type != "SUJ"]
     if arm is None and len(names) != 1:
         raise InputError(
-            f"rig {found.name}: has {len(names)} arms; allowed: the name of one of"
+            f"rig {found.name}: has {len(names)} arms; allowed: the name of one (--arm) of"
             f" {', '.join(names)}"
         )
     name = names[0] if arm is None else str(arm)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from difflib import SequenceMatcher
 
 from trocar.ros.topic import Direction, Topic
 
-#: {name of dVRK 1.x below the arm: its name since CRTK}. Source: dvrk-ros 1.7, dvrk_python's arm.py
-#: and psm.py; CRTK's names in dVRK 2.0's release notes.
+#: {name of dVRK 1.x and before below the arm: its name since CRTK}. Source: dvrk-ros 1.7,
+#: dvrk_python's arm.py and psm.py; CRTK's names in dVRK 2.0's release notes; those of 2014
+#: (cartesian_pose_current and the like) in the fork samkhal/dvrk-ros, dvrk_robot; set_torque_joint
+#: in nsujumnong/RBE501_dVRK_Project.
 FORMER = {
     "set_position_joint": "servo_jp",
     "set_position_goal_joint": "move_jp",
@@ -35,6 +38,14 @@ FORMER = {
     "position_cartesian_desired": "setpoint_cp",
     "position_cartesian_local_current": "local/measured_cp",
     "position_cartesian_local_desired": "local/setpoint_cp",
+    "cartesian_pose_current": "measured_cp",
+    "cartesian_pose_command": "servo_cp",
+    "joint_position_current": "measured_js",
+    "joint_effort_current": "setpoint_js",
+    "set_joint_effort": "servo_jf",
+    "set_torque_joint": "servo_jf",
+    "robot_state_current": "operating_state",
+    "gripper_position_current": "gripper/measured_js",
     "twist_body_current": "measured_cv",
     "wrench_body_current": "body/measured_cf",
     "jacobian_body": "body/jacobian",
@@ -42,6 +53,8 @@ FORMER = {
     "current_state": "operating_state",
     "robot_state": "operating_state",
 }
+#: Names of teleoperations, whose topics are not those of an arm.
+PAIR = re.compile(r"(?i)mtm[lr]?\d*_(psm|ecm)\d*")
 #: Least similarity of two names, 0 to 1. Source: our own choice.
 SIMILAR = 0.7
 
@@ -59,6 +72,8 @@ def nearest_topic(name: str, topics: Mapping[str, Topic], direction: Direction) 
     """
     known = [one.name for one in topics.values() if one.direction == direction and not one.later]
     parts = name.split("/")
+    for part in filter(PAIR.fullmatch, parts):
+        known = [one for one in known if part.upper() in one.upper().split("/")]
     if direction == "sub" and any(
         one.direction == "pub" and one.name.split("/")[1:] == parts[1:] != []
         for one in topics.values()
@@ -76,7 +91,17 @@ def nearest_topic(name: str, topics: Mapping[str, Topic], direction: Direction) 
         ends = [one for one in known if one.lower().endswith(tail)]
         if ends:
             return _closest(wanted, ends, 0.0)
-    return _closest(wanted, known, SIMILAR)
+    return _closest(wanted, known, SIMILAR) or (_image(name, known) if direction == "pub" else "")
+
+
+def _image(name: str, known: Sequence[str]) -> str:
+    """Return the image of the eye that a name of an image has, "" without one."""
+    words = re.split("[/_]", name.lower())
+    if "image" not in words:
+        return ""
+    end = "image_raw/compressed" if words[-1] == "compressed" else "image_raw"
+    ends = [f"/{side}/{end}" for side in ("left", "right") if side in words]
+    return next((one for one in known if any(one.endswith(end) for end in ends)), "")
 
 
 def _closest(name: str, known: Sequence[str], least: float) -> str:

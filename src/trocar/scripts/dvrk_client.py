@@ -1,7 +1,8 @@
 """`dvrk`, the Python classes of arms and console that dvrk_python 2.4 has, over `crtk`.
 
 Called by a name alone, `dvrk.psm("PSM1")`, an arm is that of dVRK 2.2 and older: its readings have
-no time, and it has the calls of dVRK 1.x, too.
+no time, and it has the calls of dVRK 1.x, too. The same holds where a PSM or ECM gets the argument
+`expected_interval` of dVRK 2.1 to 2.3.
 """
 
 from __future__ import annotations
@@ -28,12 +29,26 @@ def _add(features: utils, *names: str) -> None:
 class Versioned(type):
     """Makes a class of dVRK 2.4 callable as before: by a name, without a layer."""
 
+    #: Whether the class of 2.4 has the argument `expected_interval`.
+    _has_interval = False
+
     def __call__(cls, *values: Any, **named: Any) -> Any:
         """Make an object, of dVRK 2.2 and older where no layer is given."""
         first = values[0] if values else named.get("ral", named.get("arm_name", ""))
         if not isinstance(first, str):
-            return super().__call__(*values, **named)
-        return super().__call__(older_layer("dvrk"), *([first] if first else []))
+            if cls._has_interval or "expected_interval" not in named:
+                return super().__call__(*values, **named)
+            del named["expected_interval"]
+            dated, first._dated = first._dated, False  # the arm's own layer takes it over
+            try:
+                return super().__call__(*values, **named)
+            finally:
+                first._dated = dated
+        return cls.by_name(first)
+
+    def by_name(cls, name: str) -> Any:
+        """Make an object of dVRK 2.2 and older."""
+        return super().__call__(older_layer("dvrk"), *([name] if name else []))
 
 
 class _Part:
@@ -208,6 +223,8 @@ class mtm(arm):  # noqa: N801  as scripts call it
         gripper: between the surgeon's fingers
     """
 
+    _has_interval = True
+
     def __init__(self, ral: Any, arm_name: str, expected_interval: float = 0.01) -> None:
         patience = max(1.0, expected_interval)
         super().__init__(ral, arm_name, patience)
@@ -257,7 +274,15 @@ class _SetupArm:
         return self._ral
 
 
-class suj(metaclass=Versioned):  # noqa: N801  as scripts call it
+class SetupVersioned(Versioned):
+    """Makes the setup joints of dVRK 2.2 and older, `dvrk.suj("PSM1")`: those of one arm."""
+
+    def by_name(cls, name: str) -> Any:
+        """Make those of an arm."""
+        return _SetupArm(older_layer("dvrk").create_child(f"SUJ/{name}"), 1.0)
+
+
+class suj(metaclass=SetupVersioned):  # noqa: N801  as scripts call it
     """The setup joints.
 
     Attributes:

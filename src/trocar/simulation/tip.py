@@ -16,7 +16,7 @@ from trocar.kinematics.inverse import POSE_TOLERANCE, is_chain, nearest_solution
 from trocar.kinematics.inverse_rcm import DIRECTION_TOLERANCE
 from trocar.kinematics.jacobian import jacobian_body, jacobian_spatial
 from trocar.kinematics.mechanism import Mechanism
-from trocar.kinematics.robot_inverse import SAFE_DEPTH_M, robot_solution
+from trocar.kinematics.robot_inverse import SAFE_DEPTH_M, kept_depth, robot_solution
 from trocar.kinematics.solutions import LIMIT_TOLERANCE
 from trocar.simulation.control import ArmWorld, JointControl
 from trocar.simulation.controllers import TipState, WrenchFrame
@@ -344,6 +344,14 @@ class Tip:
         names = self._control.joint_names[self.own]
         beyond = [n for n, a, b in zip(names, q.tolist(), inside.tolist(), strict=True) if a != b]
         why = f"; {', '.join(beyond)} beyond the limit" if beyond else ""
+        kept = kept_depth(self._arm.mechanism, self._arm.inverse_kinematics, q)
+        if kept:
+            depth = f"{1e3 * kept:.0f} mm"
+            why += (
+                f"; the insertion stays at {depth}"
+                if self._arm.type == "ECM"
+                else f"; the wrist stays {depth} past the remote centre"
+            )
         return f"the goal is missed by {1e3 * metres:.2f} mm and {degrees(radians):.2f} deg{why}"
 
     def deep_enough(self, verb: str) -> bool:

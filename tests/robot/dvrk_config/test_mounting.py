@@ -14,6 +14,7 @@ from tests.robot.dvrk_config import configurations as lab
 from trocar.descriptions import load_arm
 from trocar.descriptions.rig_frames import Places
 from trocar.errors import DescriptionError
+from trocar.geometry.rotations import rotation_x
 from trocar.kinematics.forward import pose
 from trocar.robot.dvrk_config import import_dvrk
 from trocar.robot.dvrk_config.rig import ImportedRig
@@ -60,6 +61,28 @@ def test_a_frame_of_the_lab_stands_as_the_mounting_pitch_of_its_arm_says(tmp_pat
     found = alone(tmp_path, -0.7, base_frame=frame)
     up = up_in_the_base(found)
     np.testing.assert_allclose(up, [0.0, math.sin(-0.7), math.cos(-0.7)], atol=1e-9)
+
+
+def test_arms_that_a_camera_sees_at_an_angle_lean_with_a_note(tmp_path: Path) -> None:
+    """Registrations of two arms in one camera, whose z axes are 20 degrees apart."""
+    system: dict[str, Any] = {"arms": []}
+    for name, turn in (("PSM1", 0.0), ("PSM2", math.radians(20.0))):
+        T = np.eye(4)
+        T[:3, :3] = rotation_x(turn)
+        frame = {"reference_frame": "camera", "transform": T.tolist()}
+        system["arms"].append(
+            {"name": name, "type": "PSM", "arm_file": "psm.json", "base_frame": frame}
+        )
+    arm = {"kinematic": "kinematic/PSM.json", "tool_detection": "FIXED", "tool": DRIVER.format(0)}
+    path = lab.write(tmp_path / "in", {"system-lab.json": system, "psm.json": arm})
+    found = import_dvrk(path, tmp_path / "rig.toml")
+    for name, lean in (("PSM1", 10.0), ("PSM2", -10.0)):
+        up = up_in_the_base(found, name)
+        np.testing.assert_allclose(up[2], math.cos(math.radians(lean)), atol=1e-9)
+        assert any(
+            note.startswith(f"{name}: leans by 10.0 degrees: camera") for note in found.notes
+        )
+    assert not any("leans" in note for note in alone(tmp_path / "one", None, "Classic").notes)
 
 
 @pytest.mark.parametrize("pitch", [-45.0, 1.6])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -116,4 +116,29 @@ def _mcap(path: Path, data: bytes, times: Iterator[int]) -> Path:
         for ns in times:
             writer.add_message(topic, ns, data, ns)
         writer.finish()
+    return path
+
+
+def write_poses(path: Path, topic: str, kind: str, told: Iterable[tuple[float, Any]]) -> Path:
+    """Write a rosbag 2 of poses, position and quaternion xyzw, (time, (7,)), of a type."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    kinds = store.types
+    place = "Vector3" if kind == "TransformStamped" else "Point"
+    with Writer2(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        full = f"geometry_msgs/msg/{kind}"
+        connection = writer.add_connection(topic, full, typestore=store)
+        for t, numbers in told:
+            ns = BEGIN * 1_000_000_000 + round(t * 1e9)
+            stamp = kinds["builtin_interfaces/msg/Time"](*divmod(ns, 1_000_000_000))
+            header = kinds["std_msgs/msg/Header"](stamp=stamp, frame_id="")
+            at = kinds[f"geometry_msgs/msg/{place}"](*map(float, numbers[:3]))
+            turn = kinds["geometry_msgs/msg/Quaternion"](*map(float, numbers[3:]))
+            if kind == "TransformStamped":
+                pose = kinds["geometry_msgs/msg/Transform"](at, turn)
+                message = kinds[full](header, "", pose)
+            else:
+                message = kinds["geometry_msgs/msg/Pose"](at, turn)
+                if kind == "PoseStamped":
+                    message = kinds[full](header, message)
+            writer.write(connection, ns, store.serialize_cdr(message, full))
     return path

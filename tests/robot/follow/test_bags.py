@@ -93,9 +93,43 @@ def test_a_bag_that_breaks_off_is_told(tmp_path: Path) -> None:
     path.write_bytes(whole[: len(whole) // 2])
     with pytest.raises(LogError, match="cannot be read as a bag"):
         list(open_bag(path).messages(["ECM/measured_js"]))
-    index = bytearray(whole)
-    at = whole.index(b"index_pos=") + len(b"index_pos=")
-    index[at : at + 8] = bytes(8)
-    path.write_bytes(bytes(index))
-    with pytest.raises(LogError, match="rosbag reindex"):
-        open_bag(path)
+
+
+@pytest.mark.parametrize("kind", ["ros1", "bz2", "lz4"])
+def test_a_bag_that_was_not_closed_is_read_up_to_where_it_breaks_off(
+    tmp_path: Path, kind: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = write(tmp_path / "a.bag", kind, rows(["ECM"], 1.0))
+    whole = list(open_bag(path).messages(["ECM/measured_js"]))
+    left_open(path)
+    bag = open_bag(path)
+    assert "was not closed; read up to where it breaks off" in caplog.text
+    found = list(bag.messages(["ECM/measured_js"]))
+    assert [m.time for m in found] == [m.time for m in whole]
+
+
+def test_of_a_chunk_that_was_still_being_written_the_whole_messages_are_read(
+    tmp_path: Path,
+) -> None:
+    path = write(tmp_path / "a.bag", "ros1", rows(["ECM"], 1.0))
+    content = left_open(path)
+    size = len(b"#ROSBAG V2.0\n")
+    for _ in range(3):  # header and content of the bag's record, header of the chunk's
+        size += 4 + int.from_bytes(content[size : size + 4], "little")
+    content[size : size + 4] = bytes(4)  # of the chunk: written when it is complete
+    path.write_bytes(content[: size + len(content[size:]) // 2])
+    found = list(open_bag(path).messages(["ECM/measured_js"]))
+    assert 50 < len(found) < 200
+    for m in found:
+        t = m.time - BEGIN
+        np.testing.assert_allclose(m.fields["position"], motion("ECM", t), atol=1e-6)
+
+
+def left_open(path: Path) -> bytearray:
+    """Make a rosbag 1 as its recorder leaves it when it is killed, and return its bytes."""
+    content = bytearray(path.read_bytes())
+    at = content.index(b"index_pos=") + len(b"index_pos=")
+    end = int.from_bytes(content[at : at + 8], "little")
+    content[at : at + 8] = bytes(8)
+    path.write_bytes(content[:end])
+    return content[:end]

@@ -224,7 +224,10 @@ def test_topics_and_jaws_can_be_named(tmp_path: Path) -> None:
     for k in range(20):
         told += [(0.005 * k, "/left/state", q), (0.005 * k, "/left/grip", [0.6])]
     path = write(tmp_path / "a.bag", "ros1", told)
-    with pytest.raises(InputError, match="has no /PSM1/measured_js; its joint states: /left/grip"):
+    with pytest.raises(
+        InputError,
+        match=r"has no /PSM1/measured_js; its joint states: /left/grip, .*--topic ARM=TOPIC",
+    ):
         follow(path, "psm")
     loop = Loop(World("psm"), speed="max", tick_s=SERVER_TICK_S)
     source = BagSource(open_bag(path))
@@ -241,6 +244,26 @@ def test_topics_and_jaws_can_be_named(tmp_path: Path) -> None:
     how = ReadSettings(topic="/left/state", jaw="/left/grip")
     found = read_arm_motion(path, load_arm("psm"), how)
     np.testing.assert_allclose(found.rows[:, 0], np.tile([*q, 0.6], (20, 1)), atol=1e-9)
+
+
+def test_set_points_are_followed_where_nothing_was_measured(tmp_path: Path) -> None:
+    told = [(t, topic.replace("measured", "setpoint"), q) for t, topic, q in rows(["PSM1"], 0.5)]
+    seen, report = follow(write(tmp_path / "a.bag", "sqlite", told))
+    assert report.arms["PSM1"].heard == 100
+    np.testing.assert_allclose(seen.q["PSM1"][-1][:6], motion("PSM1", 0.495), atol=1e-6)
+    assert seen.q["PSM1"][-1][6] > 0.3
+
+
+def test_joints_of_other_names_are_followed_in_their_order_with_one_warning(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    told = [(t, "/PSM1/measured_js", motion("PSM1", t)) for t in (0.0, 0.1, 0.2)]
+    follow(write(tmp_path / "a.bag", "sqlite", told, ["waist", *"bcde", "roll"]))
+    assert caplog.text.count("PSM1: joints waist, b, c, d, e, roll taken in their order") == 1
+    caplog.clear()
+    outer = ["yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw"]
+    follow(write(tmp_path / "b.bag", "sqlite", told, [f"outer_{name}" for name in outer]))
+    assert "taken in their order" not in caplog.text
 
 
 def test_a_table_is_mirrored_like_a_bag(tmp_path: Path) -> None:

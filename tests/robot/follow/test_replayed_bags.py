@@ -10,13 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.robot.follow.motions import write
+from tests.robot.follow.motions import write, write_poses
 from trocar.descriptions import load_arm
 from trocar.errors import LogError, MissingExtraError
+from trocar.geometry import quaternion_from_matrix, transform
+from trocar.kinematics.chain_pose import chain_pose
 from trocar.recording import record
 from trocar.recording.bags import is_bag
 from trocar.robot.follow import ReplaySettings, replay
 from trocar.robot.recordings import ArmMotion, ReadSettings, read_arm_motion
+from trocar.robot.recordings.tips import tip_motions
 from trocar.simulation import World
 
 PSM = load_arm("psm")
@@ -127,7 +130,7 @@ TWO = told((0.0, GOOD), (0.1, GOOD)) + told((0.0, GOOD), (0.1, GOOD), arm="PSM2"
     ("rows", "names", "complaint"),
     [
         (
-            [(1.0, "/PSM1/setpoint_js", GOOD)],
+            [(1.0, "/PSM1/status_js", GOOD)],
             NAMES[:6],
             "contains no joint states of a PSM; allowed",
         ),
@@ -139,7 +142,7 @@ TWO = told((0.0, GOOD), (0.1, GOOD)) + told((0.0, GOOD), (0.1, GOOD), arm="PSM2"
         (
             TWO,
             (),
-            r"2 topics fit a PSM; select one with --topic: /PSM1/measured_js, /PSM2/measured_js",
+            r"2 topics fit a PSM; select one with --of \(PSM1, PSM2\) or --topic: /PSM1/measured",
         ),
     ],
 )
@@ -179,3 +182,82 @@ def test_a_damaged_bag_and_a_missing_library_are_said(
     monkeypatch.setitem(sys.modules, "rosbags.rosbag1", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'trocar\[bags\]'"):
         replay(bag, "psm")
+
+
+def tip_poses(q: Any) -> list[Any]:
+    """Position and quaternion xyzw of the tip at joints (k, 7)."""
+    turned = [(T[:3, 3], quaternion_from_matrix(T[:3, :3])) for T in chain_pose(PSM.mechanism)(q)]
+    return [np.array([*p, *w[1:], w[0]]) for p, w in turned]
+
+
+@pytest.mark.parametrize(
+    ("topic", "kind"),
+    [
+        ("/PSM1/local/measured_cp", "PoseStamped"),
+        ("/PSM1/measured_cp", "TransformStamped"),
+        ("/dvrk/PSM1/position_cartesian_current", "PoseStamped"),
+        ("/dvrk/PSM1/position_cartesian_current", "Pose"),
+    ],
+)
+def test_a_bag_of_poses_alone_becomes_the_joints_that_bring_the_tip_there(
+    tmp_path: Path, topic: str, kind: str
+) -> None:
+    time, q, _ = motion()
+    bag = write_poses(tmp_path / "bag", topic, kind, zip(time.tolist(), tip_poses(q), strict=True))
+    found = read(bag)
+    assert found.label == "PSM1"
+    # the times of the bag are known to 0.2 us
+    np.testing.assert_allclose(found.rows[:, 0, :6], q[:, :6], atol=2e-6)
+    assert "joints from poses of the tip, base in the frame of the poses" in found.understood()
+    assert "no jaw" in found.understood()
+    (scored,) = tip_motions(bag)
+    np.testing.assert_allclose(
+        scored.positions[0], chain_pose(PSM.mechanism)(q[:1])[0, :3, 3], atol=1e-9
+    )
+
+
+def test_poses_in_another_frame_have_the_base_that_is_given(tmp_path: Path) -> None:
+    time, q, _ = motion()
+    base = transform(np.diag([-1.0, -1.0, 1.0]), [0.3, 0.1, 0.2])
+    away = [base @ T for T in chain_pose(PSM.mechanism)(q)]
+    seen = [
+        np.array([*T[:3, 3], *w[1:], w[0]])
+        for T, w in ((T, quaternion_from_matrix(T[:3, :3])) for T in away)
+    ]
+    told = zip(time.tolist(), seen, strict=True)
+    bag = write_poses(tmp_path / "bag", "/PSM1/measured_cp", "PoseStamped", told)
+    with pytest.raises(LogError, match=r"poses are out of reach, the first in row 1: .*--base"):
+        read(bag)
+    np.testing.assert_allclose(read(bag, base=base).rows[:, 0, :6], q[:, :6], atol=2e-6)
+
+
+def test_set_points_stand_for_measured_joints_that_were_not_recorded(tmp_path: Path) -> None:
+    time, q, _ = motion()
+    topics = (("/PSM1/setpoint_js", slice(0, 6)), ("/PSM1/jaw/setpoint_js", slice(6, 7)))
+    told = [(t, topic, a[s]) for t, a in zip(time, q, strict=True) for topic, s in topics]
+    bag = write(tmp_path / "bag", "sqlite", told, {t: list(NAMES[s]) for t, s in topics})
+    found = read(bag)
+    np.testing.assert_allclose(found.rows[:, 0], q, atol=2e-6)
+    assert "set-points, no measured positions" in found.understood()
+    told += [(t, "/PSM1/measured_js", a[:6] + 0.01) for t, a in zip(time, q, strict=True)]
+    both = write(tmp_path / "both", "sqlite", told, {t: list(NAMES[s]) for t, s in topics})
+    np.testing.assert_allclose(read(both).rows[:, 0, :6], q[:, :6] + 0.01, atol=2e-6)
+    assert "set-points" not in read(both).understood()
+
+
+def test_joints_of_other_names_are_taken_in_their_order_and_named(tmp_path: Path) -> None:
+    names = ["waist", "shoulder", "elbow", "yaw", "pitch", "roll"]
+    told = [(t, "/PSM1/measured_js", a[:6]) for t, a in zip(*motion()[:2], strict=True)]
+    found = read(write(tmp_path / "bag", "sqlite", told, names))
+    assert "joints waist, shoulder, elbow, yaw, pitch, roll taken in" in found.understood()
+    own = [f"outer_{name}" for name in NAMES[:6]]
+    assert "in their order" not in read(write(tmp_path / "own", "sqlite", told, own)).understood()
+
+
+def test_noise_of_joints_at_rest_raises_no_doubt_about_the_rate(tmp_path: Path) -> None:
+    q = np.array([0.1, 0.2, 0.12, 0.0, 0.0, 0.0])
+    told = [
+        (0.01 * k, "/PSM1/measured_js", q + 1e-9 * k, np.full(6, 1e-3), np.zeros(6))
+        for k in range(100)
+    ]
+    assert "rate" not in read(write(tmp_path / "bag", "sqlite", told, NAMES[:6])).understood()

@@ -91,7 +91,9 @@ def test_an_arm_of_a_rig_stands_as_the_rig_has_it() -> None:
 def test_how_an_arm_stands_is_given_once_and_of_one_arm() -> None:
     with pytest.raises(InputError, match="got a rotation and a rig"):
         standing_arm("PSM1", rig="psm", base_rpy=(0.0, 0.0, 0.0))
-    with pytest.raises(InputError, match="has 4 arms; allowed: the name of one of PSM1, PSM2"):
+    with pytest.raises(
+        InputError, match=r"has 4 arms; allowed: the name of one \(--arm\) of PSM1, PSM2"
+    ):
         standing_arm(None, rig="full_cart_si")
     with pytest.raises(InputError, match="three finite angles"):
         standing_arm("psm", base_rpy=(0.0, 0.0))

@@ -68,6 +68,18 @@ def test_a_stamp_astray_is_left_out(tmp_path: Path) -> None:
     assert "1 samples of times apart from all others were left out" in found.understood()
 
 
+def test_samples_that_came_a_few_late_are_put_in_their_order(tmp_path: Path) -> None:
+    time, rows = session(400)
+    order = np.arange(400)
+    order[[50, 51, 52]], order[[300, 301]] = [51, 52, 50], [301, 300]
+    time[350:] -= 100.0  # a clock that is set stays a piece of its own
+    found = read_arm_motion(write(tmp_path / "log.csv", time[order], rows[order]), ECM)
+    assert found.starts == (0, 350)
+    assert (np.diff(found.times[:350]) > 0.0).all()
+    np.testing.assert_allclose(found.rows[:, 0], rows[:, :4], atol=1e-11)
+    assert "2 samples that came late put in their order" in found.understood()
+
+
 def test_repeated_stamps_and_rows_without_numbers_are_left_out(tmp_path: Path) -> None:
     time, rows = session(400)
     time[50] = time[49]

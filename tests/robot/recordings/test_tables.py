@@ -279,6 +279,19 @@ def test_jigsaws_columns_are_known(tmp_path: Path) -> None:
     np.testing.assert_allclose(seen.positions, poses[:, :3, 3], atol=1e-9)
 
 
+def test_tips_to_score_have_a_unit_in_which_they_are_near(tmp_path: Path) -> None:
+    time = np.arange(20) / 10.0
+    p = np.column_stack([0.1 * np.cos(time), 0.1 * np.sin(time), 0.05 + 0.0 * time])
+    path = csv(tmp_path / "tips.csv", [], np.column_stack([time, 1e6 * p]))
+    columns = "time=0[s]", "tip=1:4"
+    with pytest.raises(LogError, match=r"the tip is .* m away; allowed: 2 m"):
+        tip_motions(path, how=ReadSettings(columns=columns))
+    named = ReadSettings(columns=("time=0[s]", "tip=1:4[um]"))
+    for how in (named, ReadSettings(columns=columns, units="rad/um")):
+        (seen,) = tip_motions(path, how=how)
+        np.testing.assert_allclose(seen.positions, p, atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("header", "problem"),
     [

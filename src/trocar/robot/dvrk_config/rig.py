@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import tomllib
 from collections.abc import Mapping
@@ -25,7 +26,7 @@ from trocar.outputs import check_file, whole_folder
 from trocar.robot.dvrk_config.agreement import Gap, agreement
 from trocar.robot.dvrk_config.arms import Document, Files, arm_entry, known, pose_entries
 from trocar.robot.dvrk_config.setup_joints import CART, setup_entry
-from trocar.robot.dvrk_config.system import Lab, LabArm, SetupArm, read_system
+from trocar.robot.dvrk_config.system import SAME_LEAN, Lab, LabArm, SetupArm, read_system
 
 Array = NDArray[np.float64]
 
@@ -203,6 +204,12 @@ def rig_document(lab: Lab, tools: dict[str, str], files: Files) -> Document:
                 place["base_frame"] = {"name": arm.frame, **pose_entries(arm.pose)}
                 own = f"the lab's base_frame; where {arm.frame} stands: our own choice"
                 place["source"] = own
+                lean = _lean(frames[arm.frame] @ arm.pose)
+                if arm.mounting_pitch is None and lean > SAME_LEAN:
+                    files.notes.append(
+                        f"{arm.name}: leans by {math.degrees(lean):.1f} degrees: {arm.frame} stands"
+                        " such that arms without mounting_pitch are upright on average"
+                    )
         else:
             beside = BESIDE_CONSOLE * (console and not cart) + BESIDE_CART * cart
             at = FREE + beside + free * STEP * (-1.0 if cart else 1.0)
@@ -250,6 +257,11 @@ def _frames_in_world(lab: Lab, cart: bool) -> dict[str, Array]:
         lowest = min(float((turn @ T[:3, 3])[2]) for T in group)
         found[name] = transform(turn, np.array([0.0, 0.0, LOW - lowest]) + BESIDE_CART * cart)
     return found
+
+
+def _lean(T_world_base: Array) -> float:
+    """Return the angle between a base's z axis and the vertical [rad]."""
+    return float(np.arccos(np.clip(T_world_base[2, 2], -1.0, 1.0)))
 
 
 def _turn_up(up: Array) -> Array:

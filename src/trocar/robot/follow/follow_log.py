@@ -73,6 +73,7 @@ class ReplayReport:
         arm: the description that was driven
         mode: "position" or "effort"
         understood: what was read, in words
+        up: direction against gravity in the arm's reference frame
         rate_hz: rows a second as they were played [Hz]
         pieces: uninterrupted pieces of the recording; the arm is put at the beginning of each
         samples: rows of the recording
@@ -87,6 +88,7 @@ class ReplayReport:
     arm: str
     mode: ReplayMode
     understood: str
+    up: tuple[float, float, float]
     rate_hz: float
     pieces: int
     samples: int
@@ -147,7 +149,7 @@ def replay(
     if not played:
         raise LogError(str(log), f"lasts less than {1.0 / rate:g} s; allowed: 2 rows or more")
     piece_rows = max(1, PIECE_PERIODS // periods)
-    run = _Run(world, described, rig.arms[0].name, how.mode, periods)
+    run = _Run(world, described, rig.arms[0].name, how.mode, periods, stand.up)
     for one in played:
         _check_speeds(one, described)
     for one in played:
@@ -197,9 +199,15 @@ class _Run:
     """A world on its way along a recording, and sums of squares so far."""
 
     def __init__(
-        self, world: World, arm: ArmDescription, name: str, mode: ReplayMode, periods: int
+        self,
+        world: World,
+        arm: ArmDescription,
+        name: str,
+        mode: ReplayMode,
+        periods: int,
+        up: Array,
     ) -> None:
-        self.world, self.arm, self.name = world, arm, name
+        self.world, self.arm, self.name, self.up = world, arm, name, up
         self.mode: ReplayMode = mode
         self.periods = periods
         self.joints = recorded_joints(arm)
@@ -271,6 +279,7 @@ class _Run:
             arm=self.arm.name,
             mode=self.mode,
             understood=motion.understood(),
+            up=(float(self.up[0]), float(self.up[1]), float(self.up[2])),
             rate_hz=rate_hz,
             pieces=self.begun,
             samples=self.samples,

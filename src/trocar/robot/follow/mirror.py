@@ -20,8 +20,16 @@ from trocar.descriptions import ArmDescription, RigDescription
 from trocar.errors import InputError, TrocarError
 from trocar.live.inbox import Command
 from trocar.live.state import Elapsed
-from trocar.recording.bags import JOINT_STATE, Bag, JointMessage
-from trocar.robot.recordings.topics import ARM_STATES, END_STATES, find_topic, live_names
+from trocar.recording.bags import JOINT_STATE, POSES, Bag, JointMessage
+from trocar.robot.recordings.topics import (
+    ARM_SETPOINTS,
+    ARM_STATES,
+    END_SETPOINTS,
+    END_STATES,
+    find_topic,
+    fits_names,
+    live_names,
+)
 from trocar.ros.client import RosClient
 from trocar.ros.topic import prefix
 
@@ -156,6 +164,7 @@ class Twin:
         gaps: how often that happened
         clipped: messages beyond the joints' limits
         refused: messages that could not be used
+        unlike: names of joints that the arm does not have, of the first such message
         lags: the newest ones [s]
         lag_max: the largest of all [s]
     """
@@ -171,6 +180,7 @@ class Twin:
     gaps: int = 0
     clipped: int = 0
     refused: int = 0
+    unlike: tuple[str, ...] = ()
     lags: deque[float] = field(default_factory=lambda: deque(maxlen=NEWEST))
     lag_max: float = 0.0
 
@@ -194,6 +204,10 @@ class Twin:
             return f"got {position.tolist()}; allowed: finite numbers"
         same = len(names) == len(known) and set(names) == set(known)
         order = [names.index(joint) for joint in known] if same else list(range(len(known)))
+        # setup joints have names of their own on every robot
+        if self.arm.type != "SUJ" and not (self.unlike or fits_names(names, known)):
+            self.unlike = tuple(names)
+            _log.warning("%s: joints %s taken in their order", self.name, ", ".join(names))
         wanted = position[order]
         limits = self.arm.mechanism.lower[joints], self.arm.mechanism.upper[joints]
         inside = np.clip(wanted, *limits)
@@ -274,18 +288,19 @@ class Mirror:
         """Note the topics of an arm, and of its jaw or gripper."""
         arm, where = rig.arm(name).arm, self._source.name
         topics = None if self._bag is None else self._bag.topics
-        own = _found(topics, prefix(name, arm), ARM_STATES, topic, where)
+        own = _found(topics, prefix(name, arm), ARM_STATES, ARM_SETPOINTS, topic, where)
         if not own:
             self.missing.append(name)
             return
         start = rig.poses["start"][name]
         twin = self.twins[name] = Twin(name, arm, start.copy(), np.zeros(len(start)))
         self._parts |= dict.fromkeys(own, (twin, slice(0, arm.own_joints)))
-        names = END_STATES.get(arm.mechanism.joint_names[-1])
+        last = arm.mechanism.joint_names[-1]
+        names, setpoints = END_STATES.get(last), END_SETPOINTS.get(last, ())
         if names is None and jaw is not None:
             raise InputError(f"{name}: has neither a jaw nor a gripper; got {jaw}")
         if names is not None:
-            others = _found(topics, prefix(name, arm), names, jaw, where)
+            others = _found(topics, prefix(name, arm), names, setpoints, jaw, where)
             end = slice(arm.own_joints, len(arm.joints))
             self._parts |= dict.fromkeys(others, (twin, end))
 
@@ -455,12 +470,14 @@ def _found(
     topics: Mapping[str, str] | None,
     arm: str,
     names: Sequence[str],
+    setpoints: Sequence[str],
     given: str | None,
     where: str,
 ) -> tuple[str, ...]:
     """Return the topics to subscribe to; none where a bag has none.
 
-    Without a list of topics (live) they are those that a robot of any version may have.
+    Without a list of topics (live) they are those that a robot of any version may have. Commanded
+    positions of a bag stand for measured ones that it lacks.
     """
     if given is not None:
         topic = given.lstrip("/")
@@ -471,7 +488,7 @@ def _found(
     if topics is None:
         return live_names(arm, names)
     states = [topic for topic, kind in topics.items() if kind == JOINT_STATE]
-    found = find_topic(states, arm, names, where)
+    found = find_topic(states, arm, (*names, *setpoints), where)
     return () if found is None else (found,)
 
 
@@ -482,4 +499,7 @@ def _nothing(
     states = [topic for topic, kind in sorted(topics.items()) if kind == JOINT_STATE]
     found = ", ".join(f"/{topic}" for topic in (states or sorted(topics))) or "none"
     kind = "joint states" if states or not topics else "topics, none of them joint states"
-    return f"{where}: has no {wanted}; its {kind}: {found}"
+    posed = not states and any(kind in POSES for kind in topics.values())
+    hint = " (--topic ARM=TOPIC)" if states else ""
+    hint = " (`trocar replay` reads poses of the tip)" if posed else hint
+    return f"{where}: has no {wanted}; its {kind}: {found}{hint}"

@@ -32,9 +32,15 @@ VELOCITY_RATIOS = (0.6, 1.6)
 #: Least correlation of velocities with differences from which a rate is told. Source: our own
 #: choice.
 ALIKE = 0.8
+#: Least motion of a joint over its range whose velocities confirm a rate: at rest they are noise.
+#: Source: our own choice, as in identification.
+MOVED = 1e-3
 #: A jump between rows ends a piece: over the velocity limit, and over the joint's range. Source:
 #: our own choice; a lost row is a jump of twice the usual step.
 JUMP_SPEEDS, JUMP_RANGE = 20.0, 0.02
+#: Farthest that a sample comes after later ones, and is put back [usual steps]. Source: our own
+#: choice; a clock that was set goes back farther.
+LATE_STEPS = 5.0
 #: Largest relative difference of steps in time that counts as even. Source: our own choice.
 EVEN_STEPS = 0.01
 
@@ -219,6 +225,11 @@ def _cut(motion: ArmMotion, arm: ArmDescription) -> ArmMotion:
     """Cut a motion at pauses, at times that go back, and at jumps of the joints."""
     times, rows, numbers = motion.times, motion.rows, motion.numbers
     notes = list(motion.notes)
+    order = _in_time(times)
+    late = int((np.diff(order) < 0).sum())
+    if late:
+        times, rows, numbers = times[order], rows[order], numbers[order]
+        notes.append(f"{late} samples that came late put in their order")
     steps = np.diff(times)
     again = np.flatnonzero(steps == 0.0) + 1
     if len(again):
@@ -273,6 +284,14 @@ def _cut(motion: ArmMotion, arm: ArmDescription) -> ArmMotion:
     )
 
 
+def _in_time(times: Array) -> NDArray[np.int64]:
+    """Return the order of samples (k,) in which those that come a few steps late are in place."""
+    steps = np.diff(times)
+    usual = float(np.median(np.abs(steps)))
+    stretch = np.concatenate([[0], np.cumsum(steps < -LATE_STEPS * usual)])
+    return np.lexsort((times, stretch)).astype(np.int64)
+
+
 def _jumps(rows: Array, steps: Array, arm: ArmDescription) -> NDArray[np.bool_]:
     """Find jumps of the joints between rows, farther than the arm moves in a row's time."""
     count = rows.shape[2]
@@ -314,8 +333,9 @@ def _with_rate_checked(motion: ArmMotion, arm: ArmDescription, given: bool) -> A
     moved = np.concatenate([np.gradient(piece.rows[:, 0], piece.times, axis=0)
                             for piece in motion.pieces()])  # fmt: skip
     ratios: list[float] = []
+    span = arm.mechanism.upper - arm.mechanism.lower
     for k, joint in enumerate(motion.joints):
-        if joint not in motion.recorded[1]:
+        if joint not in motion.recorded[1] or np.ptp(motion.rows[:, 0, k]) < MOVED * span[k]:
             continue
         along, told = moved[:, k], motion.rows[:, 1, k]
         size = float(np.linalg.norm(along) * np.linalg.norm(told))

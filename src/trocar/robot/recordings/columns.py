@@ -33,9 +33,10 @@ ARM_WORDS = re.compile(r"(?i)(psm|ecm|mtml|mtmr|mtm|suj)(\d*)")
 UNITS = {
     "rad": ("angle", 1.0), "radian": ("angle", 1.0), "radians": ("angle", 1.0),
     "deg": ("angle", np.pi / 180.0), "degree": ("angle", np.pi / 180.0),
-    "degrees": ("angle", np.pi / 180.0), "mrad": ("angle", 1e-3),
+    "degrees": ("angle", np.pi / 180.0), "mrad": ("angle", 1e-3), "urad": ("angle", 1e-6),
     "m": ("length", 1.0), "meter": ("length", 1.0), "meters": ("length", 1.0),
-    "mm": ("length", 1e-3), "cm": ("length", 1e-2),
+    "mm": ("length", 1e-3), "cm": ("length", 1e-2), "um": ("length", 1e-6),
+    "inch": ("length", 0.0254), "inches": ("length", 0.0254),
     "s": ("time", 1.0), "sec": ("time", 1.0), "secs": ("time", 1.0), "seconds": ("time", 1.0),
     "ms": ("time", 1e-3), "us": ("time", 1e-6), "ns": ("time", 1e-9), "nsec": ("time", 1e-9),
     "n": ("effort", 1.0), "nm": ("effort", 1.0), "mnm": ("effort", 1e-3), "nmm": ("effort", 1e-3),

@@ -42,13 +42,8 @@ from trocar.robot.recordings.layouts import (
 from trocar.robot.recordings.motor_side import Wrist, joints_from_motors, recorded_joints
 from trocar.robot.recordings.parquet import is_parquet, read_parquet
 from trocar.robot.recordings.tables import MOST_BEFORE, READABLE, NumberTable, read_table
-from trocar.robot.recordings.tip_poses import (
-    centred_base,
-    out_of_reach,
-    pose_from_numbers,
-    solved_tips,
-)
-from trocar.robot.recordings.topics import arm_of, read_bag_motion, state_topics
+from trocar.robot.recordings.tip_poses import joints_along, pose_from_numbers
+from trocar.robot.recordings.topics import arm_topics, read_bag_motion, read_bag_tip
 
 Array = NDArray[np.float64]
 Kind = Literal["recording", "bag", "table", "rows"]
@@ -64,8 +59,6 @@ FARTHEST_M = 2.0
 #: Position [m] and part of a rotation beyond which a pose is a row without one. Source: our own
 #: choice; a part of a rotation is 1 at most.
 MOST_M, MOST_TURN = 1e3, 2.0
-#: Largest ratio of poses out of an arm's reach, which are left out. Source: our own choice.
-MOST_MISSED = 0.1
 #: Largest difference of a quaternion's norm from 1. Source: our own choice, numbers of four digits.
 UNIT_ERROR = 1e-3
 #: Columns beyond which a table without a header is perhaps transposed. Source: our own choice; a
@@ -88,7 +81,8 @@ class ReadSettings:
     Attributes:
         rate_hz: of rows without times [Hz]; of motions with times the rate that they are read at
         wrist: of rows without a header: on which side of the coupling coupled joints were recorded
-        topic, jaw: of a bag: topics of the joint states and of the jaw; found by name when omitted
+        topic, jaw: of a bag: topics of the joint states (or poses of the tip) and of the jaw; found
+            by name when omitted
         of: name of the arm in the file, where it holds several
         columns: "[ARM.]WHAT=COLUMNS[UNIT]" of a table, see `chosen_places`; by its header when
             omitted
@@ -156,7 +150,7 @@ def read_arm_motion(
     if not Path(path).expanduser().exists():
         raise LogError(str(path), f"no such file; allowed: {READABLE}")
     if not is_parquet(path) and is_bag(path):
-        motion = read_bag_motion(open_bag(path), arm, how.topic, how.jaw, how.of)
+        motion = read_bag_motion(open_bag(path), arm, how.topic, how.jaw, how.of, how.base)
         return checked_motion(motion, arm, rate_given=True)
     table = _table(path, how)
     layout = _layout(table, arm, how)
@@ -175,10 +169,10 @@ def read_arm_motion(
 def read_tip_positions(
     path: str | Path, arm: ArmDescription, how: ReadSettings
 ) -> tuple[str, Array, Array] | None:
-    """Read the positions of an arm's tip from a table that holds them.
+    """Read the positions of an arm's tip from a table that holds them, or a bag without joints.
 
     Args:
-        path: a text file or a dataset
+        path: a bag, a text file or a dataset
         arm: the recorded arm
         how: how to read it
 
@@ -189,7 +183,7 @@ def read_tip_positions(
         LogError, InputError: as for `read_arm_motion`
     """
     if not is_parquet(path) and is_bag(path):
-        return None
+        return read_bag_tip(open_bag(path), arm, how.topic, how.of)
     table = _table(path, how)
     layout = _layout(table, arm, how)
     if layout is None:
@@ -198,7 +192,7 @@ def read_tip_positions(
     if not all(part in one.tip for part in "xyz"):
         return None
     times, _ = _times(table, layout, how)
-    p = np.stack([_values(table, one.tip[part], how, "m") for part in "xyz"], axis=1)
+    p = _places(table, how, one)
     known = np.isfinite(p).all(axis=1) & np.isfinite(times)
     return one.label, times[known], p[known]
 
@@ -213,7 +207,7 @@ def arms_in(path: str | Path, arm: ArmDescription, how: ReadSettings | None = No
     """
     how = how or ReadSettings()
     if not is_parquet(path) and is_bag(path):
-        labels = [arm_of(topic) for topic in state_topics(open_bag(path))]
+        labels = list(arm_topics(open_bag(path)))
     else:
         layout = _layout(_table(path, how), arm, how)
         labels = [""] if layout is None else [one.label for one in layout.arms]
@@ -307,23 +301,10 @@ def _motion_of(
     if solved:
         tip = _tips(table, how, places)
         known = np.isfinite(tip).all(axis=(1, 2)) & np.isfinite(times)
-        base, of = how.base, "as given"
-        if base is None:
-            base, of = np.eye(4), "in the frame of the poses"
-        elif isinstance(base, str):
-            base, of = centred_base(arm, tip[known]), "placed so that the mean pose is home"
-        q, missed = solved_tips(arm, tip[known], base)
-        if len(missed) > MOST_MISSED * len(q):
-            row, problem = next(iter(missed.items()))
-            raise out_of_reach(
-                table.file,
-                f"{len(missed)} of {len(q)} poses are out of reach, the first in row"
-                f" {table.rows[known][row]}",
-                problem,
-            )
+        q, note = joints_along(arm, tip[known], how.base, table.file, table.rows[known])
         rows[known, 0, : len(own)] = q
         recorded[0].update(own)
-        notes.append(f"joints from poses of the tip, base {of}")
+        notes.append(note)
     present = [joints.index(joint) for joint in own if joint in recorded[0]]
     known = np.isfinite(rows[:, 0, present]).all(axis=1) & np.isfinite(times)
     if not known.all():
@@ -356,8 +337,12 @@ def _motion_of(
     return checked_motion(motion, arm, given)
 
 
-def _tips(table: NumberTable, how: ReadSettings, places: ArmPlaces) -> Array:
-    """Return the poses of the tip, (k, 4, 4); NaN in rows without one."""
+def _places(table: NumberTable, how: ReadSettings, places: ArmPlaces) -> Array:
+    """Return the positions of the tip, (k, 3) [m].
+
+    Raises:
+        LogError: too far away for an arm
+    """
     p = np.stack([_values(table, places.tip[part], how, "m") for part in "xyz"], axis=1)
     if np.nanmedian(np.abs(p)) > FARTHEST_M:
         raise LogError(
@@ -365,6 +350,12 @@ def _tips(table: NumberTable, how: ReadSettings, places: ArmPlaces) -> Array:
             f"the tip is {np.nanmedian(np.abs(p)):.3g} m away; allowed: {FARTHEST_M:g} m (another"
             " unit: --units rad/mm)",
         )
+    return p
+
+
+def _tips(table: NumberTable, how: ReadSettings, places: ArmPlaces) -> Array:
+    """Return the poses of the tip, (k, 4, 4); NaN in rows without one."""
+    p = _places(table, how, places)
     parts = ("qw", "qx", "qy", "qz") if "qw" in places.tip else tuple(f"r{k}" for k in range(9))
     if AXES[-1] in places.tip:
         axes = np.stack([_values(table, places.tip[part], how, "") for part in AXES], axis=1)

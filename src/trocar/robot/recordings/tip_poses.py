@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,8 @@ Array = NDArray[np.float64]
 #: nearest rotation. Source: our own choice; those of float32 are within 1e-6.
 NORMS = 0.9, 1.1
 MOST_SKEW = 0.1
+#: Largest ratio of poses out of an arm's reach, which are left out. Source: our own choice.
+MOST_MISSED = 0.1
 
 
 def pose_from_numbers(file: str, where: str, position: Array, turn: Array) -> Array:
@@ -73,6 +76,43 @@ def solved_tips(arm: ArmDescription, tips: Array, base: Array) -> tuple[Array, d
         except (UnreachableError, SingularError) as problem:
             missed[row] = str(problem)
     return found, missed
+
+
+def joints_along(
+    arm: ArmDescription,
+    tips: Array,
+    base: Array | Literal["centred"] | None,
+    file: str,
+    numbers: NDArray[np.int64],
+) -> tuple[Array, str]:
+    """Return the joints that bring an arm's tip along recorded poses, and a note on its base.
+
+    Args:
+        arm: with the tool that was mounted
+        tips: poses in some frame, (k, 4, 4)
+        base: the arm's own base in that frame, (4, 4); "centred": where the mean pose is that of
+            its home; None: the same
+        file, numbers: for errors; (k,) of the rows
+
+    Returns:
+        (k, n) without the jaw, NaN where a pose is out of reach
+
+    Raises:
+        LogError: more than a tenth of the poses are out of reach
+    """
+    of = "as given"
+    if base is None:
+        base, of = np.eye(4), "in the frame of the poses"
+    elif isinstance(base, str):
+        base, of = centred_base(arm, tips), "placed so that the mean pose is home"
+    q, missed = solved_tips(arm, tips, base)
+    if len(missed) > MOST_MISSED * len(q):
+        row, problem = next(iter(missed.items()))
+        first = f"the first in row {numbers[row]}"
+        raise out_of_reach(
+            file, f"{len(missed)} of {len(q)} poses are out of reach, {first}", problem
+        )
+    return q, f"joints from poses of the tip, base {of}"
 
 
 def joints_of_tips(

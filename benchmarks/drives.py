@@ -289,12 +289,13 @@ def _followed(world: World, start: int, motion: Sequence[Array]) -> Array:
         world.step(every)
         arm.servo_jp(q[k, :6])
         jaw.servo_jp(q[k, 6:])
-    loaded = world.save().parts["drives"]
+    parts = world.save().parts
+    loaded = {"drives": parts["drives"]} if "drives" in parts else {}  # none of the description's
     arm.joints.set_mode("effort", OPEN)
     arm.joints.set_mode("position", [name for name in arm.joints.names if name not in OPEN])
     world.set_state("PSM1", q[start], qd[start])
     now = world.save()
-    world.load(replace(now, parts={**now.parts, "drives": loaded}))
+    world.load(replace(now, parts={**now.parts, **loaded}))
     for k in range(WINDOW):
         arm.servo_jp(q[start + k, :6])
         jaw.servo_jp(q[start + k, 6:])

@@ -249,6 +249,11 @@ EXPERIMENTS = (
         {"duration": "duration_s"},
         {"duration_s": 60.0},
     ),
+    Experiment(
+        "knot",
+        "how far two arms get with the first throw of a knot (2 minutes)",
+        "benchmarks.knot:knot",
+    ),
 )
 
 

@@ -150,7 +150,9 @@ def _source(args: Namespace, world: World) -> BagSource | LiveSource:
     ):
         wanted = args.arms.split(",") if args.arms else [arm.name for arm in world.rig.arms]
         arms = {name.strip(): world.rig.arm(name.strip()).arm for name in wanted if name.strip()}
-        return BagSource(bag_of_table(args.bag, arms, args.rate))
+        return BagSource(
+            bag_of_table(args.bag, arms, args.rate, lambda text: print(text, file=sys.stderr))
+        )
     allow(args, "with a table of numbers", "rate")
     if args.bag:
         return BagSource(open_bag(args.bag))

@@ -278,7 +278,10 @@ def test_a_table_is_mirrored_like_a_bag(tmp_path: Path) -> None:
     world = World("two_psm_ecm")
     described = {arm.name: arm.arm for arm in world.rig.arms}
     loop = Loop(world, speed="max", tick_s=SERVER_TICK_S)
-    mirror = Mirror(loop, BagSource(bag_of_table(path, described)))
+    understood: list[str] = []
+    mirror = Mirror(loop, BagSource(bag_of_table(path, described, watch=understood.append)))
+    said = "6 joints at 30.0 Hz, no jaw, velocities by differences, no efforts"
+    assert understood == [f"{arm}: {said}" for arm in arms]
     mirror.start()
     while not mirror.over.is_set():
         loop.tick()

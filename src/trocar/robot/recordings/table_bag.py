@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -56,7 +56,10 @@ def arm_motions(
 
 
 def bag_of_table(
-    path: str | Path, arms: Mapping[str, ArmDescription], rate_hz: float | None = None
+    path: str | Path,
+    arms: Mapping[str, ArmDescription],
+    rate_hz: float | None = None,
+    watch: Callable[[str], None] = lambda _: None,
 ) -> Bag:
     """Read a table's arms as joint states in topics /ARM/measured_js.
 
@@ -64,11 +67,14 @@ def bag_of_table(
         path: a text file or a Parquet file
         arms: {name: description} of the arms that may be in it
         rate_hz: of rows without times [Hz]
+        watch: called with what was understood of each arm
 
     Raises:
         LogError, InputError: as for `arm_motions`
     """
     found = arm_motions(path, arms, ReadSettings(rate_hz=rate_hz))
+    for motion in found.values():
+        watch(motion.understood())
 
     def messages(wanted: Collection[str]) -> Iterator[JointMessage]:
         streams = (_messages(name, one) for name, one in found.items() if topic(name) in wanted)

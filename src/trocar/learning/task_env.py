@@ -124,15 +124,20 @@ class TaskEnv:
             "max_steps": steps,
         }
         self.camera: SceneCamera | None = None
+        layers = [channels] if isinstance(channels, str) else list(channels)
         if obs.endswith("image"):
             self.camera = SceneCamera(task, image_size, channels, eyes)
             height, width, _ = self.camera.shape
-            layers = [channels] if isinstance(channels, str) else list(channels)
             self.settings |= {"image_size": [width, height], "channels": layers, "eyes": eyes}
+        elif (image_size, layers, eyes) != (EDGE, ["rgb"], 1):
+            raise InputError(
+                f"{label}: image_size, channels, eyes: got them with obs {obs!r}; allowed: with"
+                " 'image' or 'state+image'"
+            )
         if drawn:
             self.settings |= {"randomise": str(randomise or NONE), "tips": tips}
         self._seeds = np.random.default_rng()
-        self._begin()
+        self.begin()
 
     def reset(
         self, seed: int | None = None, options: Mapping[str, Any] | None = None
@@ -156,7 +161,7 @@ class TaskEnv:
         self.task.reset(seed)
         if options:
             place_objects(self.task, options)
-        self._begin()
+        self.begin()
         return self.observe(), self.info()
 
     def step(self, action: ArrayLike) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -265,12 +270,12 @@ class TaskEnv:
             self.camera.close()
         self.task.close()
 
-    # ------------------------------------------------------------------ inside
-
-    def _begin(self) -> None:
-        """Count from now on."""
+    def begin(self) -> None:
+        """Begin an episode of the task as it is, after a reset of the task itself."""
         self._steps = 0
         self._read()
+
+    # ------------------------------------------------------------------ inside
 
     def _read(self) -> None:
         """Read the task, and how its episode ended."""

@@ -96,8 +96,7 @@ class TaskEnv:
                 " one by `Scene.randomised`"
             )
         if drawn and not isinstance(scene, Task):
-            known = scene if isinstance(scene, Scene) else load_scene(scene)
-            scene = known.randomised(randomise or NONE, tips)
+            scene = drawn_scene(scene, randomise, tips)
         self.task = task = scene if isinstance(scene, Task) else make_task(scene)
         label = task.scene.name
         if obs not in OBSERVATIONS:
@@ -315,6 +314,12 @@ def make(scene: Scene | str | Path, **settings: Any) -> Any:
             f" {', '.join(settings)}; allowed: with the id of an environment (trocar/NeedlePick-v0)"
         )
     return make_task(scene)
+
+
+def drawn_scene(scene: Scene | str | Path, randomise: str | Path, tips: TipSource) -> Scene:
+    """Return a scene, its name or the path of its file given, with worlds that a reset draws."""
+    known = scene if isinstance(scene, Scene) else load_scene(scene)
+    return known.randomised(randomise or NONE, tips)
 
 
 def place_objects(task: Task, options: Mapping[str, Any]) -> None:

@@ -132,7 +132,7 @@ EXPERIMENTS = (
     ),
     Experiment(
         "learning",
-        "policies in worlds that they were not trained in (30 minutes)",
+        "policies in worlds that they were not trained in (an hour)",
         "benchmarks.learning_transfer:transfer",
         {"short": "short"},
         part="transfer",

@@ -36,16 +36,15 @@ class Pace:
     """Time of an environment step of 20 ms of one world.
 
     Attributes:
-        wall, cpu: [s]
+        wall: [s]
+        thread: processor time of the calling thread; other threads may spin while they wait [s]
         outside: ratio of the wall time outside of physics
-        free: wall time that the processor time makes where no other program runs [s]
-        physics: processor time of physics [s]
+        physics: processor time of the calling thread in physics [s]
     """
 
     wall: float
-    cpu: float
+    thread: float
     outside: float = 0.0
-    free: float = 0.0
     physics: float = 0.0
 
 
@@ -71,22 +70,16 @@ def batches(watch: Watch, short: bool = False) -> list[Row]:
 def speed(scene: str) -> list[Row]:
     """Compare a batch with one task, in turn; both return what an observation needs."""
     task, batch = make_task(scene), SceneBatch(scene, WORLDS, threads=THREADS)
-    one, many = _in_turn(task, batch)
+    alone = SceneBatch(scene, WORLDS, threads=1)  # all its physics is in the calling thread
+    one, many, serial = _in_turn(task, batch, alone)
     label = f"{scene}, {WORLDS} worlds on {THREADS} threads"
-    bound = THREADS * one.cpu / many.physics
+    bound = THREADS * one.thread / serial.physics
     return [
         (f"{label}: environment steps of 20 ms", 1.0 / many.wall, "/s", "printed"),
         (f"{label}: over one task in the same run", one.wall / many.wall, "x", ">= 3"),
-        (
-            f"{label}: over one task by processor time, cores free",
-            one.cpu / many.free,
-            "x",
-            "printed",
-        ),
-        (f"{label}: over one task if physics were all, cores free", bound, "x", "printed"),
+        (f"{label}: over one task if physics were all, by thread time", bound, "x", "printed"),
         (f"{label}: outside physics, of the wall", many.outside, "", "<= 0.15"),
         (f"{label}: simulated over SurRoL's", PERIOD_S / many.wall / SURROL, "x", ">= 1.6"),
-        (f"{label}: the same, cores free", PERIOD_S / many.free / SURROL, "x", "printed"),
     ]
 
 
@@ -168,12 +161,12 @@ def median(paces: list[Pace]) -> Pace:
     return Pace(*np.median([astuple(one) for one in paces], axis=0).tolist())
 
 
-def _in_turn(task: Task, batch: SceneBatch) -> tuple[Pace, Pace]:
-    ones, many = list[Pace](), list[Pace]()
-    for seed in range(REPEATS):
-        ones.append(_one(task, seed))
-        many.append(_many(batch, seed))
-    return median(ones), median(many)
+def _in_turn(task: Task, *batches: SceneBatch) -> list[Pace]:
+    """Measure a task, then each batch, and so again; return the medians in this order."""
+    rounds = [
+        [_one(task, seed), *(_many(batch, seed) for batch in batches)] for seed in range(REPEATS)
+    ]
+    return [median([*paces]) for paces in zip(*rounds, strict=True)]
 
 
 def _actions(limits: tuple[Array, Array], n: int, seed: int) -> Array:
@@ -185,19 +178,19 @@ def _actions(limits: tuple[Array, Array], n: int, seed: int) -> Array:
 
 def _one(task: Task, seed: int) -> Pace:
     """Time episodes of one task with what an observation needs."""
-    count, wall, cpu = 0, 0.0, 0.0
+    count, wall, thread = 0, 0.0, 0.0
     for episode in range(4):
         task.reset(100 * seed + episode)
         actions = _actions(task.limits, 1, 100 * seed + episode)
-        begin, spent = time.perf_counter(), time.process_time()
+        begin, spent = time.perf_counter(), time.thread_time()
         for action in actions[:, 0]:
             if task.done:
                 break
             task.command(action)
             task.observation()
             count += 1
-        wall, cpu = wall + time.perf_counter() - begin, cpu + time.process_time() - spent
-    return Pace(wall / count, cpu / count)
+        wall, thread = wall + time.perf_counter() - begin, thread + time.thread_time() - spent
+    return Pace(wall / count, thread / count)
 
 
 def _many(batch: SceneBatch, seed: int) -> Pace:
@@ -205,20 +198,18 @@ def _many(batch: SceneBatch, seed: int) -> Pace:
     batch.reset()
     actions, count = _actions(batch.limits, batch.n, seed), 0
     with _physics(batch) as inside:
-        begin, spent = time.perf_counter(), time.process_time()
+        begin, spent = time.perf_counter(), time.thread_time()
         for row in actions:
             count += int((~batch.over).sum())
             batch.command(row)
             _ = batch.readings
-        wall, cpu = time.perf_counter() - begin, time.process_time() - spent
-    free = cpu - inside[1] * (1.0 - 1.0 / THREADS)
-    outside, physics = 1.0 - inside[0] / wall, inside[1] / count
-    return Pace(wall / count, cpu / count, outside, free / count, physics)
+        wall, thread = time.perf_counter() - begin, time.thread_time() - spent
+    return Pace(wall / count, thread / count, 1.0 - inside[0] / wall, inside[1] / count)
 
 
 @contextmanager
 def _physics(batch: SceneBatch) -> Any:
-    """Measure the wall and the processor time of MuJoCo's steps, in a list [s]."""
+    """Measure the wall and the thread time of MuJoCo's steps, in a list [s]."""
     physics: Any = batch.physics
     rows, inside = physics._rows, [0.0, 0.0]
 
@@ -227,10 +218,10 @@ def _physics(batch: SceneBatch) -> Any:
             return getattr(rows, name)
 
         def step(self, *args: Any, **kwargs: Any) -> None:
-            begin, spent = time.perf_counter(), time.process_time()
+            begin, spent = time.perf_counter(), time.thread_time()
             rows.step(*args, **kwargs)
             inside[0] += time.perf_counter() - begin
-            inside[1] += time.process_time() - spent
+            inside[1] += time.thread_time() - spent
 
     physics._rows = Timed()
     try:

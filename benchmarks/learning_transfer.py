@@ -38,6 +38,9 @@ Watch = Callable[[str], None]
 SCENES, GOAL = ("needle-reach", "needle-pick"), ">= 0.8"
 #: Fresh seeds that judge in each world.
 SEEDS = 50
+#: Episodes and settings of a clone of randomised worlds, which vary more than nominal ones. Source:
+#: with those of nominal worlds 37 of 50 needle-picks succeeded in `lab`, with these 44.
+DRAWN_EPISODES, DRAWN = 600, CloneSettings(steps=14_000)
 #: Source of the goal.
 ORBIT = "ORBIT-Surgical: about half of the real transfers, in press"
 
@@ -50,9 +53,12 @@ def transfer(watch: Watch, short: bool = False) -> list[Figure]:
         trained = {"nominal": scene, "lab, camera": scene.randomised("lab", "camera")}
         scripts: dict[str, tuple[Script, float]] = {"scripted": (scripted, 0.0)}
         for label, world in trained.items():
-            watch(f"{name}, behaviour cloning of {EPISODES} episodes, {label}")
+            drawn = label != "nominal"
+            count_of = DRAWN_EPISODES if drawn else EPISODES
+            watch(f"{name}, behaviour cloning of {count_of} episodes, {label}")
             begin = time.process_time()
-            scripts[f"BC, trained in: {label}"] = cloned(world), time.process_time() - begin
+            script = cloned(world, count_of, DRAWN if drawn else CloneSettings())
+            scripts[f"BC, trained in: {label}"] = script, time.process_time() - begin
         found: dict[tuple[str, str], float] = {}
         for label, (script, cpu_s) in scripts.items():
             for place, world in judged_in(scene).items():
@@ -105,9 +111,9 @@ def _measured() -> Overlay:
     return paper_twin(load_arm("psm")).overlay
 
 
-def cloned(scene: Scene, episodes: int = EPISODES) -> Script:
+def cloned(scene: Scene, episodes: int, settings: CloneSettings) -> Script:
     """Clone the scripted policy of a scene, from the episodes that succeed."""
-    task, settings = make_task(scene), CloneSettings()
+    task = make_task(scene)
     network = clone(demonstrate(task, range(episodes), settings), settings)
 
     def script(played: Task) -> Iterator[NDArray[np.float64]]:

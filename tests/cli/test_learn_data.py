@@ -35,6 +35,23 @@ def test_the_summary_names_successes_and_frames(trocar: Command, tmp_path: Path)
     assert done.out.startswith("needle-reach: 2 of 2 successful; 2 episodes, ")
 
 
+def test_a_dataset_of_randomised_worlds_has_the_command_that_makes_it(
+    trocar: Command, tmp_path: Path
+) -> None:
+    from trocar.learning.lerobot import open_dataset
+
+    tips: list[float] = []
+    for name, more in (("nominal", ()), ("drawn", ("--randomise", "lab", "--tips", "camera"))):
+        words = ("needle-reach", "--episodes", 1, *more, "--keep-failures")
+        done = trocar("learn", "collect", *words, "-o", tmp_path / name)
+        assert done.status == 0, done.err
+        tips.append(float(open_dataset(tmp_path / name).rows(0)["observation.tips"][0, 0]))
+    assert tips[0] != tips[1]
+    assert (
+        "--episodes 1 --randomise lab --tips camera" in (tmp_path / "drawn/card.toml").read_text()
+    )
+
+
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
@@ -55,6 +72,11 @@ def test_the_summary_names_successes_and_frames(trocar: Command, tmp_path: Path)
             "--policy: got 'mine'; allowed: scripted",
         ),
         (("collect", "needle-reach", "--trust"), "--trust: has no effect here; allowed with"),
+        (
+            ("collect", "needle-reach", "--policy", "mine.py", "--trust"),
+            "--trust: has no effect here; allowed with --policy FILE.zip",
+        ),
+        (("collect", "needle-reach", "--tips", "camera"), "--tips: has no effect here; allowed"),
         (("export", "none.mcap"), "none.mcap: no such file; allowed: rosbag 1"),
         (
             ("import", "none", "--base", "PSM1=0,0,0,1,1,0,0"),

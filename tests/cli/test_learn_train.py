@@ -92,6 +92,31 @@ def test_errors_of_robots_change_the_episodes(capsys: pytest.CaptureFixture[str]
     assert paths[0] != paths[1]
 
 
+def test_errors_of_robots_replace_those_of_a_preset_of_worlds(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    words = ["learn", "evaluate", "needle-reach", "--seeds", "3", "--json", "--randomise", "lab"]
+    successes: list[int] = []
+    for errors in ([], ["--errors", "perfect"]):
+        assert main([*words, *errors]) == 0
+        successes.append(json.loads(capsys.readouterr().out)["policies"][0]["successes"])
+    assert successes[0] < successes[1] == 3
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--trust"], "--trust: has no effect here; allowed with --policy FILE.zip"),
+        (["--cluster", "host:1", "--workers", "2"], "--workers: has no effect here"),
+    ],
+)
+def test_options_without_effect_on_an_evaluation_are_refused(
+    words: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["learn", "evaluate", "needle-reach", *words]) == 2
+    assert message in capsys.readouterr().err
+
+
 def test_bad_numbers_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["learn", "evaluate", "needle-reach", "--seeds", "0"]) == 2
     assert "--seeds: got 0; allowed: 1 or more" in capsys.readouterr().err

@@ -68,6 +68,13 @@ def test_an_exported_actor_acts_as_the_model_does(method: str, tmp_path: Path) -
     assert ratios == [(SHORT[method].steps, 0.0)]
 
 
+def test_a_training_shorter_than_the_time_between_evaluations_is_evaluated_at_its_end() -> None:
+    counts: list[int] = []
+    settings = replace(SHORT["sac-her"], every=1000)
+    train_actor("needle-reach", "sac-her", settings, watch=lambda step, _: counts.append(step))
+    assert counts == [settings.steps]
+
+
 def test_a_seed_trains_one_actor() -> None:
     found = [
         train_actor("needle-reach", "sac-her", replace(SHORT["sac-her"], seed=seed))

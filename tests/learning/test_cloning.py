@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trocar.errors import InputError
+from trocar.errors import InputError, LogError
 from trocar.learning.cloning import (
     CloneSettings,
     Demonstrations,
@@ -90,8 +90,36 @@ def _lasts(task: Task) -> list[int]:
 def test_a_dataset_of_another_scene_is_rejected(tmp_path: Path) -> None:
     pytest.importorskip("pyarrow", reason="datasets need pyarrow")
     collect(Collection("needle-reach"), range(1), tmp_path / "data")
+    (tmp_path / "data/card.toml").unlink()
     with pytest.raises(InputError, match=r"column observation.state: .* peg-transfer; allowed"):
         read_demonstrations(tmp_path / "data", make_task("peg-transfer"), PLAIN)
+
+
+def test_the_card_of_a_dataset_has_its_scene_where_columns_are_alike(
+    reach: Task, tmp_path: Path
+) -> None:
+    pytest.importorskip("pyarrow", reason="datasets need pyarrow")
+    collect(Collection("needle-pick"), range(1), tmp_path / "data")
+    with pytest.raises(InputError, match=r"data: is of the scene needle-pick; allowed: a dataset"):
+        read_demonstrations(tmp_path / "data", reach, PLAIN)
+    (tmp_path / "data/card.toml").write_text("scene = ", encoding="utf-8")
+    with pytest.raises(LogError, match=r"card\.toml: is torn or no card"):
+        read_demonstrations(tmp_path / "data", reach, PLAIN)
+
+
+def test_numbers_of_a_dataset_that_are_not_finite_are_named(reach: Task, tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet", reason="datasets need pyarrow")
+    collect(Collection("needle-reach"), range(2), tmp_path / "data")
+    (path,) = (tmp_path / "data/data").rglob("*.parquet")
+    table = parquet.read_table(path)
+    rewards = table["next.reward"].to_numpy().copy()
+    rewards[-1] = np.nan
+    row = table.column_names.index("next.reward")
+    parquet.write_table(table.set_column(row, table.field(row), [rewards]), path)
+    with pytest.raises(
+        LogError, match=r"parquet: next\.reward: episode 1 has numbers that are not"
+    ):
+        read_demonstrations(tmp_path / "data", reach, PLAIN)
 
 
 def test_no_success_is_an_error(reach: Task) -> None:

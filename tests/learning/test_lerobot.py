@@ -233,6 +233,8 @@ TASKS = "meta/tasks.parquet"
             "total_episodes: got 4; the table of episodes has 3",
         ),
         (cut(TASKS, 300), TASKS, "is torn"),
+        (drop(TASKS), TASKS, "no such file; meta/info.json has 2 tasks in it"),
+        (shorten(TASKS), TASKS, "got 1 tasks; expected 2"),
         (drop(DATA), DATA, "no such file"),
         (cut(DATA, 1500), DATA, "is torn"),
         (shorten(DATA), DATA, "got 16 frames; expected 17 by the table of episodes"),
@@ -305,6 +307,10 @@ def test_datasets_of_version_2_are_read(tmp_path: Path) -> None:
         about = {"episode_index": k, "tasks": row["tasks"], "length": row["length"]}
         lines.append(json.dumps({**about, "seed": row["seed"]}))
     (old / "meta/episodes.jsonl").write_text("\n".join(lines) + "\n")
+    with pytest.raises(LogError, match=r"meta/tasks\.jsonl: no such file"):
+        open_dataset(old)
+    texts = [{"task_index": k, "task": f"task {k}"} for k in range(2)]
+    (old / "meta/tasks.jsonl").write_text("\n".join(map(json.dumps, texts)) + "\n")
     check(old, added)
     (old / "data/chunk-000/episode_000002.parquet").unlink()
     with pytest.raises(LogError, match=r"episode_000002\.parquet: no such file"):

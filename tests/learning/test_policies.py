@@ -151,6 +151,19 @@ def test_each_episode_makes_its_policy_anew(task: Task, tmp_path: Path) -> None:
     assert one == two
 
 
+def test_a_policy_sees_the_beginning_of_each_episode(task: Task, tmp_path: Path) -> None:
+    path = tmp_path / "own.py"
+    path.write_text(
+        "SEEN = []\ndef make_policy(env):\n    SEEN.append(env.observe())\n"
+        "    return lambda obs: SEEN[-1][:7]\n",
+        encoding="utf-8",
+    )
+    script = PolicyFile(path).script
+    both = [run_episode(task, seed, script=script, duration_s=0.2) for seed in (0, 1)]
+    alone = run_episode(task, 1, script=PolicyFile(path).script, duration_s=0.2)
+    assert both[1] == alone
+
+
 # ---------------------------------------------------------------------- kinds
 
 
@@ -233,6 +246,31 @@ def test_an_archive_of_stable_baselines_acts_by_its_predictions(task: Task, tmp_
     (tmp_path / "sac.toml").write_text(surrol, encoding="utf-8")
     with pytest.raises(InputError, match=r"sac\.zip: observations and actions have the shapes"):
         PolicyFile(tmp_path / "sac.zip", trust=True).script(task)
+
+
+@pytest.mark.parametrize(("kind", "layers"), [("image", 3), ("state+image", 4)])
+def test_an_archive_that_sees_images_acts_by_its_predictions(
+    kind: str, layers: int, tmp_path: Path
+) -> None:
+    sb3 = pytest.importorskip(
+        "stable_baselines3", reason="Stable-Baselines3 is not installed (extra learn)"
+    )
+    scene_env = pytest.importorskip("trocar.learning.scene_env", reason="needs Gymnasium")
+    channels = ["rgb", "depth"][: layers - 2]
+    settings = {"obs": kind, "image_size": 36, "channels": channels}
+    env = scene_env.SceneEnv("needle-reach", **settings)
+    name = "CnnPolicy" if kind == "image" else "MultiInputPolicy"
+    model = sb3.PPO(name, env, n_steps=8, batch_size=8, seed=0, device="cpu")
+    model.save(tmp_path / "ppo.zip")
+    (tmp_path / "ppo.toml").write_text(tomli_w.dumps(settings), encoding="utf-8")
+    seen, _ = env.reset(seed=3)
+    wanted = env.env.script(lambda obs: model.predict(obs, deterministic=True)[0])
+    one, task = next(wanted), make_task("needle-reach")
+    task.reset(3)
+    two = next(PolicyFile(tmp_path / "ppo.zip", trust=True).script(task))
+    np.testing.assert_array_equal(one, two)
+    assert (seen if kind == "image" else seen["image"]).shape == (36, 36, layers)
+    env.close()
 
 
 def test_settings_beside_an_archive_are_checked(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -79,3 +80,24 @@ def test_what_a_batch_lacks_is_named() -> None:
         SceneBatch(scene.randomised(Randomisation(), "camera"), 2)
     with pytest.raises(InputError, match="errors of robots"):
         SceneBatch(scene.randomised("lab"), 2)
+
+
+def test_a_vector_environment_of_an_id_has_the_randomised_worlds_of_single_ones(
+    tmp_path: Path,
+) -> None:
+    gymnasium = pytest.importorskip("gymnasium", reason="Gymnasium is not installed (extra gym)")
+    spreads = tmp_path / "mine.toml"
+    spreads.write_text("gains = 0.1\nobject_bias_mm = 1.0\n", encoding="utf-8")
+    words = {"randomise": spreads, "action": "tip"}
+    both = gymnasium.make_vec("trocar:trocar/NeedlePick-v0", num_envs=2, **words)
+    one, plain = (
+        gymnasium.make("trocar:trocar/NeedlePick-v0", **more) for more in (words, {"action": "tip"})
+    )
+    action = np.full(7, 0.3, np.float32)
+    ends = []
+    for env, given in ((both, np.stack([action, action])), (one, action), (plain, action)):
+        env.reset(seed=4)
+        ends.append(np.atleast_2d(env.step(given)[0])[0])
+        env.close()
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-6)
+    assert not np.allclose(ends[0], ends[2], atol=1e-6)

@@ -158,6 +158,8 @@ def test_objects_begin_where_options_have_them() -> None:
         ({"action": "joints"}, "unknown action 'joints' .did you mean 'joint'"),
         ({"reward": "spare"}, "unknown reward 'spare' .did you mean 'sparse'"),
         ({"max_steps": 0}, "max_steps: got 0"),
+        ({"image_size": 128}, "got them with obs 'state'; allowed: with 'image'"),
+        ({"obs": "goal", "channels": ("rgb", "depth")}, "got them with obs 'goal'"),
     ],
 )
 def test_unknown_settings_are_named(settings: dict[str, object], says: str) -> None:

@@ -118,6 +118,27 @@ print("digests", [one.digest for one in play({str(touch)!r}, range(4))])
     assert (touch.parent / "killed").exists()
 
 
+@pytest.mark.slow
+def test_a_worker_of_a_cluster_keeps_its_task_from_episode_to_episode(tmp_path: Path) -> None:
+    pytest.importorskip("ray", reason="the extra cluster is not installed")
+    path = tmp_path / "counted.py"
+    path.write_text(
+        "from pathlib import Path\nfrom trocar.descriptions.catalogue import load_scene\n"
+        "from trocar.tasks import play\nTASKS = Path(__file__).with_name('tasks')\n"
+        "def script(task):\n    with TASKS.open('a') as file:\n"
+        "        file.write(f'{id(task)}\\n')\n    return iter(())\n"
+        "if __name__ == '__main__':\n"
+        "    options = {'script': script, 'duration_s': 0.1}\n"
+        "    print(len([*play(load_scene('needle-reach'), range(4), 1, 'local', **options)]))\n",
+        encoding="utf-8",
+    )
+    done = subprocess.run(
+        [sys.executable, str(path)], capture_output=True, text=True, timeout=900, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert len({*(tmp_path / "tasks").read_text(encoding="utf-8").splitlines()}) == 1
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [

@@ -11,16 +11,14 @@ from __future__ import annotations
 import re
 import shlex
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from trocar.cli.arguments import add_json, add_overwrite, allow, options
+from trocar.cli.learn_train import add_drawn, drawn
 from trocar.cli.output import print_result, progress_bar
 from trocar.cli.worlds import script_of
 from trocar.descriptions.catalogue import load_scene
 from trocar.errors import InputError
-
-if TYPE_CHECKING:
-    pass
 
 SUMMARY = "collect episodes of a scene as a LeRobot dataset"
 ORDER = 16
@@ -56,6 +54,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         const=(84, 84),
         help="also keep the endoscope's left images, as video (default size: 84x84)",
     )
+    add_drawn(parser)
     add_overwrite(parser, "existing files in DIR")
     add_json(parser)
 
@@ -77,14 +76,15 @@ def run(args: Namespace) -> int:
             f"--policy: got teleop; record with `trocar play {args.scene} --policy none --record"
             " FILE`, then `trocar learn export FILE -o DIR`; allowed: scripted, or a policy file"
         )
-    if args.policy == "scripted":
+    if Path(args.policy).suffix.lower() != ".zip":
         allow(args, "with --policy FILE.zip", "trust")
     if args.cluster not in (None, "local"):
         allow(args, "without --cluster HOST:PORT", "workers")
     from trocar.learning.collecting import Collection, collect
 
-    script, name = script_of(args.policy, load_scene(args.scene), args.trust)
-    collection = Collection(args.scene, script, name, args.noise, args.images, args.mcap)
+    scene = drawn(args, load_scene(args.scene))
+    script, name = script_of(args.policy, scene, args.trust)
+    collection = Collection(scene, script, name, args.noise, args.images, args.mcap)
     seeds = range(args.seed, args.seed + args.episodes)
     with progress_bar("episodes") as draw:
         found = collect(

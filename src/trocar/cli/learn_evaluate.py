@@ -7,9 +7,10 @@ number of workers.
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from trocar.cli.arguments import add_json, options
+from trocar.cli.arguments import add_json, allow, options
 from trocar.cli.learn_train import add_drawn, drawn
 from trocar.cli.output import fixed, print_result, progress_bar, table
 from trocar.errors import InputError
@@ -30,7 +31,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         --trust                     allow archives of Stable-Baselines3, which can run any code
         --seeds N:int = 100         number of episodes of each policy
         --first-seed N:int = 50000  seed of the first one
-        --errors PRESET             robot errors: perfect, lab or wide (default: the rig's)
+        --errors PRESET             robot errors: perfect, lab or wide (default: those of
+                                    --randomise, or the rig's)
         --workers N:int = 1         processes that episodes run on; results do not depend on it
         --cluster ADDRESS           run the episodes on the Ray cluster at HOST:PORT, or on a local
                                     one of --workers processes: local (extra cluster)
@@ -45,6 +47,10 @@ def run(args: Namespace) -> int:
     for name, value, least in (*limits, ("workers", args.workers, 1)):
         if value < least:
             raise InputError(f"--{name}: got {value}; allowed: {least} or more")
+    if all(Path(name).suffix.lower() != ".zip" for name in args.policy):
+        allow(args, "with --policy FILE.zip", "trust")
+    if args.cluster not in (None, "local"):
+        allow(args, "without --cluster HOST:PORT", "workers")
     from trocar.descriptions.catalogue import load_scene
     from trocar.learning.evaluation import summarise
     from trocar.learning.policies import PolicyFile
@@ -52,10 +58,9 @@ def run(args: Namespace) -> int:
     from trocar.tasks.play import scripted
     from trocar.tasks.registry import task_class
 
-    scene = load_scene(args.scene)
+    scene = drawn(args, load_scene(args.scene))
     if args.errors is not None:
         scene = scene.with_errors(args.errors)
-    scene = drawn(args, scene)
     files = [PolicyFile(name, args.trust) for name in args.policy if name != "scripted"]
     for file in files:
         file.check(scene)

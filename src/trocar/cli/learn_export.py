@@ -54,8 +54,8 @@ def run(args: Namespace) -> int:
         args,
         {"folder": args.output, "episodes": found.episodes, "frames": found.frames},
         lambda: (
-            f"{found.episodes} episodes, {found.frames} frames of {', '.join(found.arms)} in"
-            f" {args.output}"
+            f"{found.episodes} episode{'s' * (found.episodes != 1)}, {found.frames} frames of"
+            f" {', '.join(found.arms)} in {args.output}"
         ),
     )
     return 0

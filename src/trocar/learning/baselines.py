@@ -113,7 +113,7 @@ def train_actor(
             with actions of tips
         archive: .zip to keep what Stable-Baselines3 saves, which plays with --trust; the .toml
             beside it has the settings of `TaskEnv`
-        watch: called after each evaluation
+        watch: called after each evaluation, the last one at the end
 
     Raises:
         UnknownNameError: no such method or scene
@@ -131,8 +131,11 @@ def train_actor(
     try:
         make = _sac_her if method == "sac-her" else _ppo
         model = make(torch, sb3, scene, settings, device)
-        model.learn(settings.steps, callback=_judged(sb3, model, judge, settings, watch))
+        judged = _judged(sb3, model, judge, settings, watch)
+        model.learn(settings.steps, callback=judged)
         policy = _policy(judge, model, settings)
+        if judged.last < model.num_timesteps:
+            judged.judge()
         if archive is not None:
             # its buffer of relabelled transitions could only be loaded with an environment
             model.save(archive, exclude=["replay_buffer_class", "replay_buffer_kwargs"])
@@ -222,14 +225,18 @@ def _judged(sb3: Any, model: Any, judge: TaskEnv, settings: ActorSettings, watch
     base = sb3.common.callbacks.BaseCallback
 
     class Judged(base):
-        due = settings.every
+        due, last = settings.every, 0
 
         def _on_step(self) -> bool:
             if self.num_timesteps >= self.due:
                 self.due += settings.every
-                policy = actor(_policy(judge, model, settings))
-                watch(self.num_timesteps, successes(judge, policy, SEEDS) / len(SEEDS))
+                self.judge()
             return True
+
+        def judge(self) -> None:
+            self.last = self.num_timesteps
+            policy = actor(_policy(judge, model, settings))
+            watch(self.last, successes(judge, policy, SEEDS) / len(SEEDS))
 
     return Judged()
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, cast
 
 from trocar.descriptions.table import toml_text
+from trocar.errors import LogError
 from trocar.learning.lerobot import Feature
 from trocar.recording.metadata import versions
 
@@ -27,6 +29,22 @@ configs:
   data_files: data/*/*.parquet
 ---
 """
+
+
+def scene_of_card(folder: Path) -> str:
+    """Return the scene of a dataset by its card; "" without a card, or of recordings.
+
+    Raises:
+        LogError: a torn card
+    """
+    path = folder / "card.toml"
+    if not path.is_file():
+        return ""
+    try:
+        card = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as problem:
+        raise LogError(str(path), f"is torn or no card: {problem}") from problem
+    return str(card.get("scene", ""))
 
 
 def write_card(

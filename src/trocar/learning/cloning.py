@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.errors import InputError, MissingExtraError
+from trocar.errors import InputError, LogError, MissingExtraError
 from trocar.geometry.rotations import matrix_from_quaternion, matrix_from_rotation_vector
+from trocar.learning.cards import scene_of_card
 from trocar.learning.collecting import EpisodeColumns
 from trocar.learning.episodes import record_episode
 from trocar.learning.features import SceneFeatures, SetpointPlans
@@ -128,10 +129,15 @@ def read_demonstrations(folder: str | Path, task: Task, settings: CloneSettings)
     Raises:
         InputError: no dataset, one of another scene or without what a clone needs, or no episode
             succeeded
-        LogError: a torn file; it is named
+        LogError: a torn file, or numbers that are not finite; the file is named
         MissingExtraError: the extra `learn` is not installed
     """
     dataset, columns = open_dataset(folder), EpisodeColumns(task).features
+    if (scene := scene_of_card(dataset.root)) not in ("", task.scene.name):
+        raise InputError(
+            f"{folder}: is of the scene {scene}; allowed: a dataset of trocar learn collect"
+            f" {task.scene.name}"
+        )
     for name, feature in columns.items():
         if name not in dataset.features or dataset.features[name].names != feature.names:
             raise InputError(
@@ -142,6 +148,12 @@ def read_demonstrations(folder: str | Path, task: Task, settings: CloneSettings)
     found: list[tuple[SceneReadings, Array]] = []
     for episode in range(len(dataset)):
         rows = dataset.rows(episode)
+        for name in columns:
+            if not np.isfinite(rows[name]).all():
+                raise LogError(
+                    str(dataset.data_file(episode)),
+                    f"{name}: episode {episode} has numbers that are not finite",
+                )
         if rows["next.success"].any():
             found.append((_readings(task, dataset, rows), rows["action"].astype(np.float64)))
     return _demonstrations(task, found, settings, len(dataset) - len(found))

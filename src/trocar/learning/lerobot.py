@@ -30,6 +30,7 @@ VERSION, READABLE = "v3.0", ("v2.0", "v2.1", "v3.0")
 DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 VIDEO = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
 INFO, STATS, TASKS = "meta/info.json", "meta/stats.json", "meta/tasks.parquet"
+TASKS_V2 = "meta/tasks.jsonl"
 EPISODES = "meta/episodes/chunk-000/file-000.parquet"
 #: Files of a chunk; sizes after which a file of data or of videos ends [MB]. Source: lerobot.
 CHUNK, DATA_MB, VIDEO_MB = 1000, 100, 200
@@ -388,13 +389,14 @@ class Dataset:
         return self._file(self.info["video_path"], row, f"videos/{camera}", camera)
 
     @cached_property
-    def _one_file_each(self) -> bool:
+    def one_file_each(self) -> bool:
+        """Whether each episode has a file of its own, as in version 2."""
         return str(self.info["codebase_version"]).startswith("v2")
 
     def _file(self, template: str, row: Row, group: str, camera: str = "") -> Path:
         number = int(row["episode_index"])
         place = {"episode_index": number, "episode_chunk": number // self.info["chunks_size"]}
-        if not self._one_file_each:
+        if not self.one_file_each:
             place = {key: int(row[f"{group}/{key}"]) for key in ("chunk_index", "file_index")}
         return self.root / template.format(video_key=camera, **place)
 
@@ -441,11 +443,8 @@ def open_dataset(root: str | Path) -> Dataset:
         if isinstance(problem, LogError):
             raise
         raise _torn(where / INFO, problem) from problem
-    if (tasks := where / TASKS).is_file():
-        try:
-            parquet.read_metadata(tasks)
-        except DAMAGED as problem:
-            raise _torn(tasks, problem) from problem
+    if total := info.get("total_tasks", 0):
+        _check_tasks(where / (TASKS_V2 if found.one_file_each else TASKS), total, parquet)
     for path, length in lengths.items():
         _check_data(path, length, [*features, *INDEXES], parquet)
     for path in sorted(films):
@@ -603,6 +602,25 @@ def _episode_rows(root: Path, version: str) -> Iterator[Row]:
             yield from parquet.read_table(path, columns=names).to_pylist()
         except DAMAGED as problem:
             raise _torn(path, problem) from problem
+
+
+def _check_tasks(path: Path, total: object, parquet: Any) -> None:
+    """Reject a table of tasks that is missing, damaged or of another length.
+
+    The rows of episodes have their tasks in words, too; LeRobot's own reader needs the table.
+    """
+    if not path.is_file():
+        raise LogError(str(path), f"no such file; {INFO} has {total} tasks in it")
+    try:
+        if path.suffix == ".jsonl":
+            lines = path.read_text(encoding="utf-8").splitlines()
+            count = len([json.loads(line)["task"] for line in lines if line.strip()])
+        else:
+            count = parquet.read_table(path).num_rows
+    except DAMAGED as problem:
+        raise _torn(path, problem) from problem
+    if count != total:
+        raise LogError(str(path), f"got {count} tasks; expected {total} by {INFO}")
 
 
 def _check_data(path: Path, length: int, names: Sequence[str], parquet: Any) -> None:

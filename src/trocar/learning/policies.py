@@ -55,7 +55,7 @@ KINDS = ("clone", "actor")
 #: Inputs of an actor's network: the flat observation, or that with the ways to the goals.
 INPUTS = ("observation", "goal-difference")
 #: Settings of `TaskEnv` by which a policy acts, and all that a file may have.
-ACTING = ("obs", "action", "action_period")
+ACTING = ("obs", "action", "action_period", "image_size", "channels", "eyes")
 SETTINGS = (*ACTING, "scene", "reward", "max_steps", "randomise", "tips")
 #: Suffixes of files whose reading runs code that they contain.
 PICKLES = (".pt", ".pth", ".pkl", ".pickle", ".ckpt", ".joblib", ".bin")
@@ -181,12 +181,13 @@ class PolicyFile:
                 self._settings = _table(beside)
                 _check_settings(self._settings, beside)
         self._maker: Callable[[TaskEnv], EnvPolicy] | None = None
+        self._made: TaskEnv | None = None
         if suffix == ".py":
             self._python()
         self.scene = self._trained.scene if self._trained else self._settings.get("scene", "")
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_maker": None}
+        return {**self.__dict__, "_maker": None, "_made": None}
 
     def check(self, scene: Scene) -> None:
         """Check that a scene is the one on which the policy was trained.
@@ -220,7 +221,7 @@ class PolicyFile:
         else:
             make = self._maker or (self._python() if self.path.suffix == ".py" else self._archive())
             self._maker = make
-            env = _env(self.path, task, self._settings)
+            env = self._env(task, self._settings)
             try:
                 policy = make(env)
             except Exception as problem:
@@ -256,7 +257,7 @@ class PolicyFile:
         return actions()
 
     def _actor(self, task: Task, policy: TrainedPolicy) -> Iterator[Array]:
-        env, network = _env(self.path, task, policy.env), policy.network
+        env, network = self._env(task, policy.env), policy.network
 
         def inputs(obs: Any) -> NDArray[np.float32]:
             if policy.inputs == "observation":
@@ -318,32 +319,41 @@ class PolicyFile:
             raise InputError(
                 f"{self.path}: cannot be loaded: {type(problem).__name__}: {problem}"
             ) from problem
-        goals = hasattr(model.observation_space, "spaces")
-        self._settings = {"obs": "goal" if goals else "state", **self._settings}
+        seen = _shapes(getattr(model.observation_space, "spaces", model.observation_space))
+        found = seen, tuple(getattr(model.action_space, "shape", ()))
+        self._settings = {"obs": _observation(seen), **self._settings}
 
         def make(env: TaskEnv) -> EnvPolicy:
-            def shapes(values: Any) -> Any:
-                if isinstance(values, Mapping):
-                    named = cast(Mapping[str, Any], values).items()
-                    return {name: tuple(value.shape) for name, value in named}
-                return tuple(values.shape)
-
-            space: Any = model.observation_space
-            found = (
-                shapes(getattr(space, "spaces", space)),
-                tuple(getattr(model.action_space, "shape", ())),
-            )
-            allowed = shapes(env.observe()), env.actions.low.shape
+            allowed = _shapes(env.observe()), env.actions.low.shape
             if found != allowed:
                 raise InputError(
                     f"{self.path}: observations and actions have the shapes {found[0]} and"
                     f" {found[1]}; those of {env.task.scene.name} with {env.settings} have"
                     f" {allowed[0]} and {allowed[1]}; allowed: the same; {self.path.stem}.toml"
-                    " beside it may have the settings (obs, action, action_period)"
+                    f" beside it may have the settings ({', '.join(ACTING)})"
                 )
             return lambda obs: model.predict(obs, deterministic=True)[0]
 
         return make
+
+    def _env(self, task: Task, settings: Mapping[str, Any]) -> TaskEnv:
+        """Return the environment of a task, with the settings of the policy.
+
+        The next episode of the task has the same one: a renderer of images takes a second to make.
+        """
+        made = self._made
+        if made is not None and made.task is task:
+            made.begin()
+            return made
+        if made is not None and made.camera is not None:
+            made.camera.close()
+        _check_settings(settings, self.path)
+        try:
+            given = {name: settings[name] for name in ACTING if name in settings}
+            self._made = made = TaskEnv(task, **given)
+        except InputError as problem:
+            raise InputError(f"{self.path}: {problem}") from None
+        return made
 
     # ------------------------------------------------------------------ guards
 
@@ -397,13 +407,23 @@ class PolicyFile:
         return TrocarError(f"{name}{where}: {type(problem).__name__}: {problem}")
 
 
-def _env(path: Path, task: Task, settings: Mapping[str, Any]) -> TaskEnv:
-    """Return an environment of a task, with the settings of a policy."""
-    _check_settings(settings, path)
-    try:
-        return TaskEnv(task, **{name: settings[name] for name in ACTING if name in settings})
-    except InputError as problem:
-        raise InputError(f"{path}: {problem}") from None
+def _shapes(values: Any) -> Any:
+    """Return the shape of an observation, or of each of its parts.
+
+    Stable-Baselines3 puts the channels of images first, and takes both orders: they are last here.
+    """
+    if isinstance(values, Mapping):
+        named = cast(Mapping[str, Any], values).items()
+        return {name: _shapes(value) for name, value in sorted(named)}
+    shape = tuple(values.shape)
+    return (*shape[1:], shape[0]) if len(shape) == 3 and shape[0] < min(shape[1:]) else shape
+
+
+def _observation(shapes: Any) -> str:
+    """Return the kind of observations that have these shapes."""
+    if isinstance(shapes, Mapping):
+        return "state+image" if "image" in shapes else "goal"
+    return "image" if len(shapes) == 3 else "state"
 
 
 def _read(path: Path) -> bytes:

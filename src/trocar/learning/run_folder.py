@@ -25,6 +25,8 @@ from trocar.tasks import Episode, Task
 Array = NDArray[np.float64]
 
 POLICY, CURVE, LOG, VIDEO = "policy.toml", "curve.csv", "training.json", "episode.mp4"
+#: Points of a curve below which each is marked. Source: our own choice.
+SPARSE = 20
 #: Frames of a video a second. Source: our own choice.
 VIDEO_HZ = 25.0
 
@@ -95,8 +97,10 @@ class RunFolder:
         axes: Any = figure.subplots()
         if self.rows:
             over, value, *_ = self.rows[0]
-            axes.plot(*([row[name] for row in self.rows] for name in (over, value)), color=MEASURED)
+            xy = ([row[name] for row in self.rows] for name in (over, value))
+            axes.plot(*xy, color=MEASURED, marker="." if len(self.rows) < SPARSE else "")
             axes.set(xlabel=over, ylabel=value)
+            axes.set_xlim(left=0.0)
             if value == "loss":
                 axes.set_yscale("log")
             else:

@@ -96,8 +96,7 @@ class TaskEnv:
                 " one by `Scene.randomised`"
             )
         if drawn and not isinstance(scene, Task):
-            known = scene if isinstance(scene, Scene) else load_scene(scene)
-            scene = known.randomised(randomise or NONE, tips)
+            scene = drawn_scene(scene, randomise, tips)
         self.task = task = scene if isinstance(scene, Task) else make_task(scene)
         label = task.scene.name
         if obs not in OBSERVATIONS:
@@ -124,15 +123,20 @@ class TaskEnv:
             "max_steps": steps,
         }
         self.camera: SceneCamera | None = None
+        layers = [channels] if isinstance(channels, str) else list(channels)
         if obs.endswith("image"):
             self.camera = SceneCamera(task, image_size, channels, eyes)
             height, width, _ = self.camera.shape
-            layers = [channels] if isinstance(channels, str) else list(channels)
             self.settings |= {"image_size": [width, height], "channels": layers, "eyes": eyes}
+        elif (image_size, layers, eyes) != (EDGE, ["rgb"], 1):
+            raise InputError(
+                f"{label}: image_size, channels, eyes: got them with obs {obs!r}; allowed: with"
+                " 'image' or 'state+image'"
+            )
         if drawn:
             self.settings |= {"randomise": str(randomise or NONE), "tips": tips}
         self._seeds = np.random.default_rng()
-        self._begin()
+        self.begin()
 
     def reset(
         self, seed: int | None = None, options: Mapping[str, Any] | None = None
@@ -156,7 +160,7 @@ class TaskEnv:
         self.task.reset(seed)
         if options:
             place_objects(self.task, options)
-        self._begin()
+        self.begin()
         return self.observe(), self.info()
 
     def step(self, action: ArrayLike) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -265,12 +269,12 @@ class TaskEnv:
             self.camera.close()
         self.task.close()
 
-    # ------------------------------------------------------------------ inside
-
-    def _begin(self) -> None:
-        """Count from now on."""
+    def begin(self) -> None:
+        """Begin an episode of the task as it is, after a reset of the task itself."""
         self._steps = 0
         self._read()
+
+    # ------------------------------------------------------------------ inside
 
     def _read(self) -> None:
         """Read the task, and how its episode ended."""
@@ -310,6 +314,12 @@ def make(scene: Scene | str | Path, **settings: Any) -> Any:
             f" {', '.join(settings)}; allowed: with the id of an environment (trocar/NeedlePick-v0)"
         )
     return make_task(scene)
+
+
+def drawn_scene(scene: Scene | str | Path, randomise: str | Path, tips: TipSource) -> Scene:
+    """Return a scene, its name or the path of its file given, with worlds that a reset draws."""
+    known = scene if isinstance(scene, Scene) else load_scene(scene)
+    return known.randomised(randomise or NONE, tips)
 
 
 def place_objects(task: Task, options: Mapping[str, Any]) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from trocar.descriptions.randomisation import TipSource
 from trocar.descriptions.records import GraspKind
 from trocar.descriptions.scenes import Scene
 from trocar.errors import InputError, MissingExtraError, UnknownNameError
@@ -17,7 +18,7 @@ from trocar.learning.images import VIEWS, SceneView
 from trocar.learning.rewards import GoalReward, check_reward
 from trocar.learning.scene_batch import SceneBatch
 from trocar.learning.scene_env import RENDER_MODES, observation_space
-from trocar.learning.task_env import Observation, TaskEnv
+from trocar.learning.task_env import Observation, TaskEnv, drawn_scene
 from trocar.tasks.referee import Ending
 
 try:
@@ -44,6 +45,7 @@ class SceneVectorEnv(VectorEnv[Any, Any, Any]):
         autoreset_mode: when episodes that ended begin anew: in the next step, in the same, or in
             `reset` with the option "reset_mask"
         render_mode: as of `SceneEnv`; None: `render` returns None
+        randomise, tips: as of `TaskEnv`, without robot errors
         settings: of `TaskEnv`
 
     Attributes:
@@ -64,6 +66,8 @@ class SceneVectorEnv(VectorEnv[Any, Any, Any]):
         grasp: GraspKind | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
+        randomise: str | Path = "",
+        tips: TipSource = "robot",
         **settings: Any,
     ) -> None:
         if render_mode is not None and render_mode not in RENDER_MODES:
@@ -74,6 +78,8 @@ class SceneVectorEnv(VectorEnv[Any, Any, Any]):
         )
         if chosen not in modes:
             raise UnknownNameError("autoreset_mode", chosen, modes)
+        if randomise or tips != "robot":
+            scene = drawn_scene(scene, randomise, tips)
         self.batch = SceneBatch(scene, num_envs, threads=threads, grasp=grasp)
         self.env = env = TaskEnv(self.batch.task, **settings)
         self.num_envs, self.render_mode = self.batch.n, render_mode

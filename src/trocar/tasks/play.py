@@ -175,8 +175,8 @@ def _on_cluster(
         allowed = "HOST:PORT of a Ray cluster, or local"
         raise InputError(f"--cluster: got {address!r}: {problem}; allowed: {allowed}") from None
     try:
-        remote = ray.remote(_run).options(max_retries=ATTEMPTS - 1)
-        shared = ray.put(run)
+        remote = ray.remote(_run_shared).options(max_retries=ATTEMPTS - 1)
+        shared = [ray.put(run)]  # Ray itself reads what stands in a list for no worker
         answers = [remote.remote(shared, seed) for seed in seeds]
         for seed, due in zip(seeds, answers, strict=True):
             try:
@@ -199,8 +199,16 @@ def _episode(scene: Scene | str, script: Script, seed: int, duration_s: float) -
 _task = functools.cache(make_task)
 
 
-def _run(run: Callable[[int], Result], seed: int) -> Result:
-    return run(seed)
+def _run_shared(shared: list[Any], seed: int) -> object:
+    """Run a seed in a worker of Ray, which reads the shared function once for all its seeds."""
+    return _read_shared(shared[0])(seed)
+
+
+@functools.lru_cache(maxsize=1)
+def _read_shared(reference: Any) -> Callable[[int], object]:
+    import ray  # pyright: ignore[reportMissingImports]
+
+    return cast(Any, ray).get(reference)
 
 
 @dataclass

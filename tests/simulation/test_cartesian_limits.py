@@ -285,7 +285,7 @@ def test_the_warning_says_that_the_wrist_stays_off_the_remote_centre(arm):
 
 def test_the_warning_says_that_the_insertion_of_an_endoscope_stays():
     world = World("ecm")
-    world.set_state("ECM", [0.0, 0.0, 0.05, 0.0])
+    world.set_state("ECM", np.array([0.0, 0.0, 0.05, 0.0]))
     arm = world.arm("ECM")
     here = arm.setpoint_cp().matrix
     arm.move_cp(transform(here[:3, :3], here[:3, 3] - 0.02 * here[:3, 2]))

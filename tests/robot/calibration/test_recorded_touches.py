@@ -84,6 +84,15 @@ def test_a_recording_registers_as_typed_readings_do(
     assert found["PSM2"].understood.startswith("PSM2: 6 joints at 100.0 Hz")
 
 
+def test_joints_of_a_touch_are_the_mean_of_its_rest(tmp_path: Path) -> None:
+    path, typed, times, motion = session(tmp_path)
+    flicker = 5e-5 * np.resize([1.0, -1.0], len(times))[:, None]
+    log = write_csv(tmp_path / "log.csv", times, {n: q + flicker for n, q in motion.items()})
+    # of 21 samples within 0.1 s one is left over
+    off = read_touches(path, log)["PSM1"].q[:, :6] - typed["PSM1"].q[:, :6]
+    np.testing.assert_allclose(off, 0.0, atol=5e-5 / 20)
+
+
 def test_times_may_be_those_of_the_recordings_own_clock(tmp_path: Path) -> None:
     path, typed, times, motion = session(tmp_path)
     table = path.with_suffix(".csv")
@@ -179,6 +188,12 @@ def test_recordings_that_lack_an_arm_or_samples_are_refused(tmp_path: Path) -> N
     one = write_csv(tmp_path / "one.csv", times, {"PSM1": motion["PSM1"]})
     with pytest.raises(TrocarError, match="unknown arm 'PSM2'"):
         read_touches(path, one)
+    few = tmp_path / "few.csv"
+    head = ["time", *(f"{arm}_{joint}_position" for arm in motion for joint in JOINTS[:3])]
+    table = np.column_stack([times, *(q[:, :3] for q in motion.values())])
+    np.savetxt(few, table, delimiter=",", header=",".join(head), comments="")
+    with pytest.raises(TrocarError, match=r"few.csv: PSM1: lacks roll, wrist_pitch, wrist_yaw"):
+        read_touches(path, few)
     bare = tmp_path / "bare.npy"
     np.save(bare, np.column_stack([times, motion["PSM1"]]))
     with pytest.raises(TrocarError, match="names no arm"):

@@ -88,9 +88,9 @@ def test_joints_of_a_touch_are_the_mean_of_its_rest(tmp_path: Path) -> None:
     path, typed, times, motion = session(tmp_path)
     flicker = 5e-5 * np.resize([1.0, -1.0], len(times))[:, None]
     log = write_csv(tmp_path / "log.csv", times, {n: q + flicker for n, q in motion.items()})
-    # of 21 samples within 0.1 s one is left over
+    # 19 to 21 samples, as the ends round: at most one is left over
     off = read_touches(path, log)["PSM1"].q[:, :6] - typed["PSM1"].q[:, :6]
-    np.testing.assert_allclose(off, 0.0, atol=5e-5 / 20)
+    np.testing.assert_allclose(off, 0.0, atol=5e-5 / 18)
 
 
 def test_times_may_be_those_of_the_recordings_own_clock(tmp_path: Path) -> None:

@@ -1,18 +1,21 @@
 """Register arms' bases and joint offsets from their own joint readings, without motion capture.
 
 TOUCHES is a TOML file of arms that touch known points of a block, or hold a board in front of a
-camera (trocar touches simulates one). See docs/calibration.md.
+camera (trocar touches simulates one). With --from, the joints of each touch are read from a
+recording of the arms at the times of the touches. See docs/calibration.md.
 """
 
 from __future__ import annotations
 
 import math
+import sys
 from argparse import ArgumentParser, Namespace
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from trocar.cli.arguments import add_json, add_overwrite, allow_overwrite, options
+from trocar.cli.arguments import add_json, add_overwrite, allow, allow_overwrite, names_of, options
 from trocar.cli.output import print_result, progress_steps, table, warn
+from trocar.cli.reading import add_reading, allow_reading, read_settings
 
 if TYPE_CHECKING:
     from trocar.robot.calibration.registration import Base
@@ -26,7 +29,10 @@ def add_arguments(parser: ArgumentParser) -> None:
     options(parser, """
         touches TOUCHES   TOML file of touches
         -o,--output FILE  registration to write, as TOML
+        --from FILE as recording  recording of the arms while they touched (see recordings.md): the
+                          readings have times in place of joints
     """)  # fmt: skip
+    add_reading(parser)
     add_overwrite(parser)
     add_json(parser)
 
@@ -37,14 +43,24 @@ def run(args: Namespace) -> int:
     from trocar.outputs import check_file, write_text
     from trocar.robot.calibration.registration import register, registration_dict
     from trocar.robot.calibration.touches import read_touches
+    from trocar.robot.recordings import recording_kind
 
     allow_overwrite(args, "output")
+    if args.recording is None:
+        allow(args, "with --from", *names_of(add_reading))
+        how = None
+    else:
+        allow_reading(args, {recording_kind(args.recording)})
+        how = read_settings(args)
     if args.output:
         check_file(args.output, args.overwrite)
     with progress_steps() as watch:
         watch(f"reading {args.touches}")
-        readings = read_touches(args.touches)
+        readings = read_touches(args.touches, args.recording, how)
         found = register(readings, watch)
+    for one in readings.values():
+        if one.understood:
+            print(one.understood, file=sys.stderr)
     boards = next(iter(readings.values())).boards is not None
     document = registration_dict(found, "camera" if boards else "block")
     if args.output:

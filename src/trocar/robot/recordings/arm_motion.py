@@ -60,6 +60,7 @@ class ArmMotion:
         numbers: of the samples in the file, from 1, (k,)
         starts: samples at which a piece begins, the first one is 0
         timed: whether the times are the file's own, not a rate's
+        clock: the file's own clock at time 0 [s]
         notes: what was left out or assumed
     """
 
@@ -72,6 +73,7 @@ class ArmMotion:
     numbers: NDArray[np.int64]
     starts: tuple[int, ...] = (0,)
     timed: bool = True
+    clock: float = 0.0
     notes: tuple[str, ...] = ()
 
     @property

@@ -191,7 +191,7 @@ def read_tip_positions(
     one = _one_arm(table, arm, how, layout.arms)
     if not all(part in one.tip for part in "xyz"):
         return None
-    times, _ = _times(table, layout, how)
+    times, _, _ = _times(table, layout, how)
     p = _places(table, how, one)
     known = np.isfinite(p).all(axis=1) & np.isfinite(times)
     return one.label, times[known], p[known]
@@ -280,12 +280,12 @@ def _motion_of(
     arm: ArmDescription,
     how: ReadSettings,
     places: ArmPlaces,
-    timing: tuple[Array, bool],
+    timing: tuple[Array, bool, float],
 ) -> ArmMotion:
     """Collect an arm's columns, row by row."""
     joints = recorded_joints(arm)
     own = joints[: len(joints) - arm.has_jaw]
-    times, timed = timing
+    times, timed, clock = timing
     slides = {j.name: j.kind == "prismatic" for j in arm.joints}
     rows = np.full((len(times), 3, len(joints)), np.nan)
     recorded = [set[str](), set[str](), set[str]()]
@@ -331,6 +331,7 @@ def _motion_of(
         (frozenset(recorded[0]), frozenset(recorded[1]), frozenset(recorded[2])),
         table.rows[known],
         timed=timed,
+        clock=clock,
         notes=tuple(notes),
     )
     given = timed or how.rate_hz is not None
@@ -404,8 +405,8 @@ def _units(text: str | None) -> Mapping[str, float]:
     return found
 
 
-def _times(table: NumberTable, layout: TableLayout, how: ReadSettings) -> tuple[Array, bool]:
-    """Return the times of the rows [s], and whether the file has them."""
+def _times(table: NumberTable, layout: TableLayout, how: ReadSettings) -> tuple[Array, bool, float]:
+    """Return the times of the rows [s], whether the file has them, and its clock at time 0 [s]."""
     place = layout.time
     names = [name.strip() for name in table.names]
     lower = [name.lower() for name in names]
@@ -421,7 +422,7 @@ def _times(table: NumberTable, layout: TableLayout, how: ReadSettings) -> tuple[
     if place is None and split is not None:
         times = table.values[:, split[0]] + 1e-9 * table.values[:, split[1]]
         if len(np.unique(times)) > 1:  # 0 where nobody stamped the messages
-            return times, True
+            return times, True, 0.0
     if place is None:
         known = [k for k, name in enumerate(names)
                  if is_time(name) and k not in table.texts
@@ -436,7 +437,7 @@ def _times(table: NumberTable, layout: TableLayout, how: ReadSettings) -> tuple[
         rate = how.rate_hz or layout.rate_hz
         if not rate:
             raise InputError(f"{table.file}: has no times; give the rate of its rows, --rate HZ")
-        return np.arange(len(table.values)) / rate, False
+        return np.arange(len(table.values)) / rate, False, 0.0
     times = _values(table, ScaledColumn(place.column, 1.0), how, "")
     steps = np.diff(times[np.isfinite(times)])
     usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
@@ -449,7 +450,7 @@ def _times(table: NumberTable, layout: TableLayout, how: ReadSettings) -> tuple[
         scale = fitting[0] if fitting else 1.0
     # whole nanoseconds of today lose their last digits as float64: count from the first
     first = times[np.flatnonzero(np.isfinite(times))[0]]
-    return (times - first) * scale, True
+    return (times - first) * scale, True, float(first * scale)
 
 
 def _bare_motion(table: NumberTable, arm: ArmDescription, how: ReadSettings) -> ArmMotion:
@@ -508,15 +509,16 @@ def _bare_motion(table: NumberTable, arm: ArmDescription, how: ReadSettings) -> 
     known, none = frozenset(joints[:count]), frozenset[str]()
     velocities = known if parts > 1 and rows[:, 1].any() else none
     efforts = known if parts > 2 and rows[:, 2].any() else none
+    clock = 0.0
     if time is not None:
-        times, _ = _times(table, TableLayout((), ScaledColumn(time, 0.0)), how)
+        times, _, clock = _times(table, TableLayout((), ScaledColumn(time, 0.0)), how)
     else:
         if how.rate_hz is None and not velocities and rows[:, 0].any():
             raise InputError(f"{table.file}: has no times; give the rate of its rows, --rate HZ")
         times = np.arange(len(rows)) / (how.rate_hz or ROWS_HZ)
     motion = ArmMotion(
         table.file, arm.name, joints, times, rows, (known, velocities, efforts), table.rows,
-        timed=timed, notes=table.notes,
+        timed=timed, clock=clock, notes=table.notes,
     )  # fmt: skip
     return checked_motion(motion, arm, timed or how.rate_hz is not None)
 

@@ -8,7 +8,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from benchmarks.bilateral import RIG, HeldMaster, Wall, run
+from benchmarks.bilateral import RIG, HeldMaster, Wall, figures, run
 from trocar.cli import main
 from trocar.errors import InputError, UnknownNameError
 from trocar.live import Loop
@@ -184,6 +184,8 @@ def test_without_delay_the_hand_gets_the_force_of_the_wall() -> None:
     one = run("position-force", 1_000.0, 0.0, 1.2, settle=0.1)
     assert one.ratio == pytest.approx(1.0, abs=0.02)
     assert one.lowest >= -1e-5
+    energy, *_ = figures("a run", one)
+    assert energy.met and energy.text(one.lowest) == "0"
 
 
 # ------------------------------------------------------------------ switched on and off

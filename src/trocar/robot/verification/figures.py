@@ -15,6 +15,8 @@ DISPLAY_FACTORS = {
     "urad": 1e6,
     "ms": 1e3,
     "mN m": 1e3,
+    "mJ": 1e3,
+    "mW": 1e3,
 }
 
 
@@ -33,6 +35,9 @@ class Figure:
         hardware: measured on the robot that an arm is calibrated to; None: not measured
         nominal: of the description before the calibration; None: not computed
         source: of the paper's value and the bounds, and how the value is measured
+
+    Raises:
+        ValueError: a unit of the display that is not known
     """
 
     name: str
@@ -46,6 +51,10 @@ class Figure:
     hardware: float | None = None
     nominal: float | None = None
     source: str = ""
+
+    def __post_init__(self) -> None:
+        if self.shown and self.shown not in DISPLAY_FACTORS:
+            raise ValueError(f"{self.name}: shown in {self.shown}; known: {[*DISPLAY_FACTORS]}")
 
     @property
     def met(self) -> bool | None:

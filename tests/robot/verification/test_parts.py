@@ -30,12 +30,6 @@ from trocar.simulation.trials import compiled_poses
 EXPECTED = {"psm": (0.0, -0.516, 0.0), "ecm": (0.3404, 0.0, 0.0)}
 
 
-def test_a_figure_in_a_unit_that_cannot_be_shown_is_refused_when_it_is_made() -> None:
-    assert Figure("energy", 0.002, "J", shown="mJ").text(0.002) == "2"
-    with pytest.raises(ValueError, match="shown in furlong"):
-        Figure("way", 1.0, "m", shown="furlong")
-
-
 def named(part: ReportPart, name: str) -> Figure:
     return next(f for f in part.figures if f.name == name)
 

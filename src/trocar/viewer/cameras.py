@@ -105,7 +105,7 @@ class CameraWindow:
                 )
             self.image = gui.add_image(np.zeros((480, 640, 3), np.uint8), format="jpeg")
             self.legend = gui.add_html("", visible=False)
-            self.line = gui.add_html("")
+            self.line = gui.add_html(_line(BUTTONS, ""))  # as high as later: the window stays
         self.window.float(x=GAP, y=-GAP, width=width)  # the arms stay in sight
         self.leave = pictures.add(self, self.beside)
 
@@ -125,8 +125,7 @@ class CameraWindow:
         else:
             self.period_s = max(self.period_s / RECOVER, 1.0 / RATE_HZ)
         status = self._pictures.failure or self._figures()
-        buttons = "" if self._view == OFF else BUTTONS
-        line = BELOW.replace("{buttons}", buttons).replace("{status}", escape(status))
+        line = _line("" if self._view == OFF else BUTTONS, status)
         if line != self.line.content:
             self.line.content = line
         legend = "" if self._content == COLOUR or self._view == OFF else self._legend
@@ -231,3 +230,7 @@ class CameraWindow:
     def _eye(self, shot: Shot, view: str) -> str:
         """Return the eye that is shown where one is."""
         return RIGHT if view == RIGHT and self._cameras[shot.camera] > 1 else LEFT
+
+
+def _line(buttons: str, status: str) -> str:
+    return BELOW.replace("{buttons}", buttons).replace("{status}", escape(status))

@@ -78,7 +78,7 @@ class LookBack:
         )
 
     def sets_back_to(self, time_s: float) -> bool:
-        """Tell whether time [s] that went back stands where a branch begins, or after it."""
+        """Whether a branch, and not a reset, set time back to this [s]."""
         return self.continued_s is not None and time_s >= self.continued_s
 
     def shown(self, state: LoopState) -> LoopState:
